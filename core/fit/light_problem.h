@@ -1,0 +1,63 @@
+#pragma once
+
+#include <glm/glm.hpp>
+#include <optional>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/frame/camera.h"
+#include "core/frame/light_samples.h"
+#include "core/math/light.h"
+#include "core/math/ray_space.h"
+#include "core/math/shadow_projection.h"
+#include "core/scene/bounds.h"
+
+namespace shadowfit {
+
+/// All that a method may read when it makes one light's matrix for one frame. Everything is borrowed; nothing
+/// in here depends on the matrix that is sought.
+struct LightProblem {
+  const Camera* camera = nullptr;
+  const Light* light = nullptr;
+  const RaySpace* ray_space = nullptr;
+  const LightSamples* samples = nullptr;
+  MapSize map_size;
+
+  /// Extremes of the visible samples' NDC depth: the part of the view frustum that holds anything.
+  double nearest_ndc_depth = -1.0;
+  double farthest_ndc_depth = 1.0;
+
+  /// Bounds of the scene's casters and receivers where the caller gave them, of the visible part of the view
+  /// frustum otherwise. Never empty.
+  Bounds ws_scene_bounds;
+
+  /// The previous frame's projection of this light, where there was one and it was this light's.
+  const ShadowProjection* previous = nullptr;
+};
+
+/// How a method came to its matrix.
+enum class FitOutcome {
+  kFitted,        ///< As the method says.
+  kKeptPrevious,  ///< The previous frame's matrix, rescaled, was good enough.
+  kFallback,      ///< The method cannot serve this configuration; LightFit::note says what was done instead.
+};
+
+struct LightFit {
+  ShadowProjection projection;
+  FitOutcome outcome = FitOutcome::kFitted;
+  const char* note = "";  ///< A static string: the reason for a fallback; empty otherwise.
+  int evaluations = 0;    ///< How often the objective was evaluated; 0 for methods without one.
+};
+
+/// A way of making a light matrix: the papers' optimizer, ours, or a published baseline. Stateless and
+/// thread-safe.
+class LightMatrixMethod {
+ public:
+  virtual ~LightMatrixMethod() = default;
+
+  /// Fails only where no usable matrix exists at all; a configuration that the method itself cannot serve is
+  /// answered with a stated fallback.
+  virtual absl::StatusOr<LightFit> Fit(const LightProblem& problem) const = 0;
+};
+
+}  // namespace shadowfit

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace shadowfit {
+
+/// Ways to make a light matrix; the names are those of the command line and the wire.
+enum class Method {
+  kDefault,       ///< "default": the best that this library knows.
+  kPaper,         ///< "paper": TR-07-07, Algorithm 1, as published.
+  kNormal,        ///< "normal": the light's own frustum around the scene.
+  kFocused,       ///< "focused": Normal, limited to the view frustum.
+  kLispsm,        ///< "lispsm": light-space perspective shadow maps (Wimmer, Scherzer, Purgathofer 2004).
+  kPlaneOptimal,  ///< "plane_optimal": Chong, Gortler 2004.
+  kSphereStable,  ///< "sphere_stable": a sphere around the view frustum, snapped to texels.
+};
+
+std::string_view MethodName(Method method);
+std::optional<Method> MethodFromName(std::string_view name);
+/// All methods in the order of the enumeration.
+const std::vector<Method>& AllMethods();
+
+/// The knobs of TR-07-07's Algorithm 1, at their published values.
+struct PaperOptions {
+  /// Gradient steps ("three iterations of gradient descent were sufficient").
+  int iterations = 3;
+  /// Candidate rotations of the axis in degrees; the negative one forces exploration.
+  std::vector<double> angles_degrees = {-10, 3, 5, 9, 16, 23, 30, 40, 50};
+  /// Section 2.3's heuristic shear of the minimum-area rectangle.
+  bool skew = true;
+  /// "We increase the rectangle size slightly" (2.4): the fraction of the map's width and height left as a
+  /// border on each side.
+  double border = 0.02;
+  /// Step 5: the previous frame's matrix stays unless the median badness falls below this share of its own. 0
+  /// turns hysteresis off.
+  double sufficient_improvement = 0.8;
+};
+
+struct Options {
+  Method method = Method::kDefault;
+  PaperOptions paper;
+
+  /// Upper bound on the time for one frame in seconds; the best matrix found so far is returned where it runs
+  /// out. Unlimited by default, which keeps answers independent of the machine's speed.
+  double max_seconds = 0.0;
+};
+
+}  // namespace shadowfit

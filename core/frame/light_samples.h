@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstddef>
+#include <glm/glm.hpp>
+#include <vector>
+
+namespace shadowfit {
+
+/// What a fit weighs: samples of the shadow boundary, structure of arrays, in one light's ray coordinates.
+/// The nine numbers r, dr/dx1, dr/dx2 are all that an objective needs of a sample, and none of them depends
+/// on the matrix.
+struct BoundarySamples {
+  std::vector<double> r[3];    ///< Ray coordinates.
+  std::vector<double> dr1[3];  ///< Their derivative along screen x, per pixel of the final screen.
+  std::vector<double> dr2[3];  ///< Their derivative along screen y (upwards), per pixel of the final screen.
+  std::vector<double> n1;      ///< Screen-space unit normal of the shadow edge, x.
+  std::vector<double> n2;      ///< Screen-space unit normal of the shadow edge, y.
+  std::vector<double> length;  ///< Length of edge that the sample stands for, in final-screen pixels.
+
+  size_t size() const { return n1.size(); }
+  void Clear();
+  void Reserve(size_t count);
+  void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
+           const glm::dvec2& normal, double edge_length);
+  glm::dvec3 Ray(size_t i) const { return {r[0][i], r[1][i], r[2][i]}; }
+  glm::dvec3 RayDx1(size_t i) const { return {dr1[0][i], dr1[1][i], dr1[2][i]}; }
+  glm::dvec3 RayDx2(size_t i) const { return {dr2[0][i], dr2[1][i], dr2[2][i]}; }
+};
+
+/// Where the boundary samples came from.
+enum class SampleSource {
+  kShadowBoundary,  ///< Pixels whose shadow bit differs from a neighbour's: the normal case.
+  kAllVisible,      ///< No such pixel, or no bits given: every visible pixel that the light reaches.
+  kNone,            ///< Nothing visible faces this light; any valid matrix serves.
+};
+
+/// One light's view of one frame.
+struct LightSamples {
+  SampleSource source = SampleSource::kNone;
+  BoundarySamples boundary;
+  std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
+  std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.
+  int shadowed_pixels = 0;             ///< Visible low-resolution pixels with this light's bit set.
+  int visible_pixels = 0;  ///< Visible low-resolution pixels, whether the light reaches them or not.
+};
+
+}  // namespace shadowfit
