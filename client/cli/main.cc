@@ -1,0 +1,32 @@
+#include <spdlog/cfg/env.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <exception>
+
+#include "client/cli/commands.h"
+
+int main(int argc, char** argv) {
+  spdlog::set_default_logger(spdlog::stderr_color_mt("shadowfit"));
+  spdlog::set_pattern("%^%l%$ %v");
+  spdlog::cfg::load_env_levels();
+
+  CLI::App app{"Fits shadow maps to what the camera sees.", "shadowfit"};
+  app.set_version_flag("--version", SHADOWFIT_VERSION);
+  bool json = false;  // Commands ask JsonRequested().
+  app.add_flag("--json", json, "Print one JSON document on stdout instead of a table");
+  app.fallthrough();  // Global flags may stand behind the command's name.
+  app.require_subcommand(1);
+
+  // One line a command, in alphabetical order.
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error);
+  } catch (const std::exception& error) {
+    spdlog::error("{}", error.what());
+    return 1;
+  }
+  return 0;
+}
