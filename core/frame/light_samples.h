@@ -13,6 +13,7 @@ struct BoundarySamples {
   std::vector<double> r[3];    ///< Ray coordinates.
   std::vector<double> dr1[3];  ///< Their derivative along screen x, per pixel of the final screen.
   std::vector<double> dr2[3];  ///< Their derivative along screen y (upwards), per pixel of the final screen.
+  std::vector<double> q;       ///< Along-ray coordinates (see RaySpace): with r they give the world position.
   std::vector<double> n1;      ///< Screen-space unit normal of the shadow edge, x.
   std::vector<double> n2;      ///< Screen-space unit normal of the shadow edge, y.
   std::vector<double> length;  ///< Length of edge that the sample stands for, in final-screen pixels.
@@ -20,7 +21,7 @@ struct BoundarySamples {
   size_t size() const { return n1.size(); }
   void Clear();
   void Reserve(size_t count);
-  void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
+  void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2, double along_ray,
            const glm::dvec2& normal, double edge_length);
   glm::dvec3 Ray(size_t i) const { return {r[0][i], r[1][i], r[2][i]}; }
   glm::dvec3 RayDx1(size_t i) const { return {dr1[0][i], dr1[1][i], dr1[2][i]}; }

@@ -88,4 +88,9 @@ RaySpace::WsRay RaySpace::WorldRay(const glm::dvec3& r) const {
   return {ws_position_, glm::transpose(linear_) * r};
 }
 
+glm::dvec3 RaySpace::PointFromRay(const glm::dvec3& r, double q) const {
+  const WsRay ray = WorldRay(r);
+  return ray.origin + q * ray.direction;
+}
+
 }  // namespace shadowfit

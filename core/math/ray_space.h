@@ -38,6 +38,9 @@ class RaySpace {
     return directional_ ? glm::dot(ws_direction_, ws_point) : 1.0;
   }
 
+  /// The world point of ray coordinates and along-ray coordinate: undoes RayFromPoint with AlongRay.
+  glm::dvec3 PointFromRay(const glm::dvec3& r, double q) const;
+
   /// From a surface point towards the light, not normalised.
   glm::dvec3 TowardsLight(const glm::dvec3& ws_point) const {
     return directional_ ? -ws_direction_ : ws_position_ - ws_point;
