@@ -39,4 +39,12 @@ void BoundarySamples::Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, cons
   length.push_back(edge_length);
 }
 
+void LightSamples::Clear() {
+  source = SampleSource::kNone;
+  boundary.Clear();
+  hull_rays.clear();
+  hull_along_ray.clear();
+  hull_footprint_rays.clear();
+}
+
 }  // namespace shadowfit

@@ -41,8 +41,11 @@ struct LightSamples {
   BoundarySamples boundary;
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.
-  int shadowed_pixels = 0;             ///< Visible low-resolution pixels with this light's bit set.
-  int visible_pixels = 0;  ///< Visible low-resolution pixels, whether the light reaches them or not.
+  /// The corners of the hull samples' footprints, one low-resolution pixel to every side: shadow that fell
+  /// between samples lies within them. Four for every hull ray, in their order.
+  std::vector<glm::dvec3> hull_footprint_rays;
+
+  void Clear();
 };
 
 }  // namespace shadowfit

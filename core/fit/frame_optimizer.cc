@@ -1,0 +1,281 @@
+#include "core/fit/frame_optimizer.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/fit/method_factory.h"
+#include "core/fit/metric.h"
+#include "core/frame/frame_sampler.h"
+
+namespace shadowfit {
+namespace {
+
+using SteadyClock = std::chrono::steady_clock;
+
+double SecondsSince(SteadyClock::time_point start) {
+  return std::chrono::duration<double>(SteadyClock::now() - start).count();
+}
+
+absl::Status Invalid(std::string message) { return absl::InvalidArgumentError(std::move(message)); }
+
+/// Puts the field's path before a message that a lower layer began with a member's name.
+absl::Status Within(const std::string& path, const absl::Status& status) {
+  return {status.code(), absl::StrCat(path, ".", status.message())};
+}
+
+const char* KindName(const Light& light) {
+  constexpr const char* kNames[] = {"point", "spot", "directional"};
+  return kNames[light.index()];
+}
+
+absl::Status CheckMapSize(const std::string& path, MapSize size) {
+  for (const auto& [value, name] : {std::pair(size.width, "width"), std::pair(size.height, "height")}) {
+    if (value < 1 || value > kMaxMapSize) {
+      return Invalid(absl::StrFormat("%s.%s: %d is outside 1 to %d", path, name, value, kMaxMapSize));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckBounds(const Bounds& bounds) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!std::isfinite(bounds.min[axis]) || !std::isfinite(bounds.max[axis])) {
+      return Invalid(absl::StrFormat("scene_bounds: component %d (%g to %g) is not finite", axis,
+                                     bounds.min[axis], bounds.max[axis]));
+    }
+    if (bounds.min[axis] > bounds.max[axis]) {
+      return Invalid(absl::StrFormat("scene_bounds: min %g is above max %g in component %d", bounds.min[axis],
+                                     bounds.max[axis], axis));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckImages(const FrameRequest& request) {
+  if (request.depth.bottom_row == nullptr || request.depth.width < 1 || request.depth.height < 1) {
+    return Invalid(absl::StrFormat("depth: size %dx%d, both must be positive", request.depth.width,
+                                   request.depth.height));
+  }
+  if (!request.bits) return absl::OkStatus();
+  if (request.bits->width != request.depth.width || request.bits->height != request.depth.height) {
+    return Invalid(absl::StrFormat("shadow_bits: size %dx%d differs from depth's %dx%d", request.bits->width,
+                                   request.bits->height, request.depth.width, request.depth.height));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray_spaces) {
+  if (request.lights.empty()) return Invalid("lights: empty, at least one is needed");
+  if (request.lights.size() > kMaxLights) {
+    return Invalid(absl::StrFormat("lights: %d, at most %d fit a frame", request.lights.size(), kMaxLights));
+  }
+  std::set<uint32_t> ids;
+  ray_spaces->clear();
+  for (size_t i = 0; i < request.lights.size(); ++i) {
+    const LightRequest& light = request.lights[i];
+    const std::string path = absl::StrFormat("lights[%d]", i);
+    if (!ids.insert(light.id).second)
+      return Invalid(absl::StrFormat("%s.id: %d is not unique", path, light.id));
+    if (absl::Status status = CheckMapSize(path + ".shadow_map", light.map_size); !status.ok()) return status;
+    absl::StatusOr<RaySpace> space = RaySpace::Create(light.light);
+    if (!space.ok()) return Within(absl::StrCat(path, ".", KindName(light.light)), space.status());
+    ray_spaces->push_back(*std::move(space));
+    if (!light.previous_clip_from_world) continue;
+    for (int k = 0; k < 16; ++k) {
+      const double entry = (*light.previous_clip_from_world)[k / 4][k % 4];
+      if (!std::isfinite(entry)) {
+        return Invalid(
+            absl::StrFormat("%s.previous_world_to_shadow_clip.m[%d]: %g is not finite", path, k, entry));
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CancelledStatus(const Cancellation& cancellation) {
+  return cancellation.DeadlinePassed()
+             ? absl::DeadlineExceededError("the deadline passed during the computation")
+             : absl::CancelledError("the caller cancelled the request");
+}
+
+/// World-space corners of the part of the view frustum that holds visible surfaces, with their homogeneous
+/// coordinate divided out.
+std::array<glm::dvec3, 8> VisibleFrustumCorners(const Camera& camera, const FrameExtent& extent) {
+  std::array<glm::dvec3, 8> corners;
+  for (int i = 0; i < 8; ++i) {
+    const glm::dvec4 corner =
+        camera.WsFromNdc({(i & 1) != 0 ? 1.0 : -1.0, (i & 2) != 0 ? 1.0 : -1.0,
+                          (i & 4) != 0 ? extent.farthest_ndc_depth : extent.nearest_ndc_depth});
+    corners[static_cast<size_t>(i)] = glm::dvec3(corner) / corner.w;
+  }
+  return corners;
+}
+
+/// Depth range of a map: near at the nearest hull sample (casters before it are clamped), far beyond every
+/// visible point, so that lit surfaces behind the shadows still compare as lit against a cleared texel.
+DepthRange FitDepthRange(const RaySpace& ray_space, const ShadowProjection& projection,
+                         const LightSamples& samples, std::span<const glm::dvec3> ws_visible_corners) {
+  // A hundredth of slack on either side covers surfaces between the samples.
+  constexpr double kSlack = 0.01;
+  const glm::dvec3 axis = projection.Axis();
+  double w_low = 1e300;
+  double w_high = 0.0;
+  double q_low = 1e300;
+  double q_high = -1e300;
+  const auto add = [&](const glm::dvec3& ray, double q) {
+    const double w = glm::dot(axis, ray);
+    q_low = std::min(q_low, q);
+    q_high = std::max(q_high, q);
+    if (w > 0.0) {
+      w_low = std::min(w_low, w);
+      w_high = std::max(w_high, w);
+    }
+  };
+  for (size_t i = 0; i < samples.hull_rays.size(); ++i) add(samples.hull_rays[i], samples.hull_along_ray[i]);
+  const double nearest_hull_w = w_low;
+  for (const glm::dvec3& corner : ws_visible_corners)
+    add(ray_space.RayFromPoint(corner), ray_space.AlongRay(corner));
+  if (!(w_high > 0.0)) w_low = w_high = 1.0;
+
+  DepthRange range;
+  if (!ray_space.is_directional()) {
+    // q = 1: depth runs over 1/w, from the nearest hull sample to the farthest visible point.
+    const double near_w = (nearest_hull_w < 1e300 ? nearest_hull_w : w_low) * (1.0 - kSlack);
+    range.near_q_over_w = 1.0 / near_w;
+    range.far_q_over_w = 1.0 / (std::max(w_high, near_w) * (1.0 + kSlack));
+    return range;
+  }
+  const double span = std::max(q_high - q_low, 1e-6 * (1.0 + std::abs(q_high)));
+  range.q_origin = q_low - kSlack * span;
+  range.near_q_over_w = 0.0;
+  // (q - origin) / w is largest where q is and w is smallest; where the axis plane cuts the visible frustum,
+  // w is bounded by the hull's.
+  const double w_least =
+      std::isfinite(nearest_hull_w) && nearest_hull_w < 1e300 ? std::min(w_low, nearest_hull_w) : w_low;
+  range.far_q_over_w = (span * (1.0 + 2.0 * kSlack)) / w_least;
+  return range;
+}
+
+}  // namespace
+
+struct FrameOptimizer::Workspace {
+  FrameSampler sampler;
+  std::vector<RaySpace> ray_spaces;
+  std::vector<LightSamples> samples;
+};
+
+FrameOptimizer::FrameOptimizer() : workspace_(std::make_unique<Workspace>()) {}
+FrameOptimizer::~FrameOptimizer() = default;
+FrameOptimizer::FrameOptimizer(FrameOptimizer&&) noexcept = default;
+FrameOptimizer& FrameOptimizer::operator=(FrameOptimizer&&) noexcept = default;
+
+absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options& options,
+                                      const Cancellation& cancellation, FrameSummary* summary) {
+  const SteadyClock::time_point start = SteadyClock::now();
+  Workspace& work = *workspace_;
+  summary->lights.clear();
+
+  const absl::StatusOr<Camera> camera = Camera::Create(request.camera);
+  if (!camera.ok()) return Within("camera", camera.status());
+  if (absl::Status status = CheckImages(request); !status.ok()) return status;
+  if (absl::Status status = CheckLights(request, &work.ray_spaces); !status.ok()) return status;
+  MapSize screen = request.screen;
+  if (screen == MapSize{}) screen = {request.depth.width, request.depth.height};
+  if (absl::Status status = CheckMapSize("screen", screen); !status.ok()) return status;
+  if (request.ws_scene_bounds) {
+    if (absl::Status status = CheckBounds(*request.ws_scene_bounds); !status.ok()) return status;
+  }
+  const std::unique_ptr<LightMatrixMethod> method = MakeMethod(options);
+
+  FrameExtent extent;
+  work.sampler.Sample(*camera, request.depth, request.bits, work.ray_spaces, screen, &extent, &work.samples);
+  if (extent.visible_pixels == 0) {
+    // Nothing to see: the frustum itself, short of a far plane that may lie at infinity.
+    extent.nearest_ndc_depth = NearNdc(camera->clip_depth());
+    extent.farthest_ndc_depth = glm::mix(NearNdc(camera->clip_depth()), FarNdc(camera->clip_depth()), 0.99);
+  }
+  const std::array<glm::dvec3, 8> ws_visible_corners = VisibleFrustumCorners(*camera, extent);
+  Bounds ws_scene_bounds;
+  if (request.ws_scene_bounds) {
+    ws_scene_bounds = *request.ws_scene_bounds;
+  } else {
+    for (const glm::dvec3& corner : ws_visible_corners) ws_scene_bounds.Add(corner);
+  }
+  summary->sampling_seconds = SecondsSince(start);
+
+  for (size_t i = 0; i < request.lights.size(); ++i) {
+    if (cancellation.Requested()) return CancelledStatus(cancellation);
+    const SteadyClock::time_point light_start = SteadyClock::now();
+    const LightRequest& light = request.lights[i];
+    const LightSamples& samples = work.samples[i];
+    LightSummary result;
+    result.id = light.id;
+    result.sample_source = samples.source;
+    result.boundary_samples = static_cast<int>(samples.boundary.size());
+    result.hull_samples = static_cast<int>(samples.hull_rays.size());
+
+    LightProblem problem;
+    problem.camera = &*camera;
+    problem.light = &light.light;
+    problem.ray_space = &work.ray_spaces[i];
+    problem.samples = &samples;
+    problem.map_size = light.map_size;
+    problem.nearest_ndc_depth = extent.nearest_ndc_depth;
+    problem.farthest_ndc_depth = extent.farthest_ndc_depth;
+    problem.ws_scene_bounds = ws_scene_bounds;
+    ShadowProjection previous;
+    if (light.previous_clip_from_world) {
+      if (ProjectionFromClip(work.ray_spaces[i], *light.previous_clip_from_world, light.map_size,
+                             &previous)) {
+        problem.previous = &previous;
+      } else {
+        result.note = "the previous matrix is not this light's and was ignored";
+      }
+    }
+    const absl::StatusOr<LightFit> fit = method->Fit(problem);
+    if (!fit.ok()) return Within(absl::StrFormat("lights[%d]", i), fit.status());
+    result.outcome = fit->outcome;
+    if (fit->note[0] != '\0') result.note = fit->note;
+    result.evaluations = fit->evaluations;
+    result.projection = fit->projection;
+    result.depth_range = FitDepthRange(work.ray_spaces[i], fit->projection, samples, ws_visible_corners);
+    result.clip_from_world =
+        ClipFromWorld(work.ray_spaces[i], fit->projection, result.depth_range, request.output_clip_depth);
+    result.objective = FrobeniusMetric(samples.boundary, fit->projection.texel_from_ray);
+    if (samples.source == SampleSource::kShadowBoundary) {
+      result.predicted_misclassified_pixels = EdgeMetric(samples.boundary, fit->projection.texel_from_ray);
+    }
+    result.seconds = SecondsSince(light_start);
+    summary->lights.push_back(std::move(result));
+  }
+  summary->total_seconds = SecondsSince(start);
+  return absl::OkStatus();
+}
+
+std::string FrameSummary::BriefReport() const {
+  double predicted = 0.0;
+  for (const LightSummary& light : lights) predicted += light.predicted_misclassified_pixels;
+  return absl::StrFormat("%d lights in %.2f ms (sampling %.2f ms), %.0f misclassified pixels predicted",
+                         lights.size(), total_seconds * 1e3, sampling_seconds * 1e3, predicted);
+}
+
+std::string FrameSummary::FullReport() const {
+  constexpr const char* kOutcomes[] = {"fitted", "kept previous", "fallback"};
+  std::string report = absl::StrFormat("%10s %13s %10s %8s %12s %10s  %s\n", "light", "outcome", "boundary",
+                                       "hull", "evaluations", "ms", "predicted wrong pixels");
+  for (const LightSummary& light : lights) {
+    absl::StrAppendFormat(&report, "%10d %13s %10d %8d %12d %10.3f  %.1f%s%s\n", light.id,
+                          kOutcomes[static_cast<int>(light.outcome)], light.boundary_samples,
+                          light.hull_samples, light.evaluations, light.seconds * 1e3,
+                          light.predicted_misclassified_pixels, light.note.empty() ? "" : "  ", light.note);
+  }
+  return report + BriefReport() + "\n";
+}
+
+}  // namespace shadowfit

@@ -1,0 +1,102 @@
+#include "core/fit/metric.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace shadowfit {
+namespace {
+
+/// ||J^-1||_F^2, or a negative number where the Jacobian is singular or the sample is behind the light's axis
+/// plane.
+double InverseNormSquared(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
+  const glm::dvec3 r = samples.Ray(i);
+  const double w = texel_from_ray[0][2] * r.x + texel_from_ray[1][2] * r.y + texel_from_ray[2][2] * r.z;
+  if (!(w > 0.0)) return -1.0;
+  const glm::dmat2 jacobian = TexelJacobian(texel_from_ray, r, samples.RayDx1(i), samples.RayDx2(i));
+  const double det = glm::determinant(jacobian);
+  if (det == 0.0) return -1.0;
+  const double squares = glm::dot(jacobian[0], jacobian[0]) + glm::dot(jacobian[1], jacobian[1]);
+  return squares / (det * det);
+}
+
+}  // namespace
+
+glm::dmat2 TexelJacobian(const glm::dmat3& texel_from_ray, const glm::dvec3& r, const glm::dvec3& dr1,
+                         const glm::dvec3& dr2) {
+  const glm::dvec3 h_r = texel_from_ray * r;
+  const glm::dvec2 u = glm::dvec2(h_r) / h_r.z;
+  const glm::dvec3 h_dr1 = texel_from_ray * dr1;
+  const glm::dvec3 h_dr2 = texel_from_ray * dr2;
+  return {(glm::dvec2(h_dr1) - u * h_dr1.z) / h_r.z, (glm::dvec2(h_dr2) - u * h_dr2.z) / h_r.z};
+}
+
+double FrobeniusMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
+  double sum = 0.0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const double badness = InverseNormSquared(samples, i, texel_from_ray);
+    if (badness >= 0.0) sum += badness;
+  }
+  return sum;
+}
+
+glm::dvec3 FrobeniusAxisGradient(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
+  glm::dvec3 gradient(0.0);
+  for (size_t s = 0; s < samples.size(); ++s) {
+    const glm::dvec3 r = samples.Ray(s);
+    const glm::dvec3 dr[2] = {samples.RayDx1(s), samples.RayDx2(s)};
+    const glm::dvec3 h_r = texel_from_ray * r;
+    const double w = h_r.z;
+    if (!(w > 0.0)) continue;
+    const glm::dvec2 u = glm::dvec2(h_r) / w;
+    const glm::dvec3 h_dr[2] = {texel_from_ray * dr[0], texel_from_ray * dr[1]};
+    glm::dmat2 jacobian;
+    for (int j = 0; j < 2; ++j) jacobian[j] = (glm::dvec2(h_dr[j]) - u * h_dr[j].z) / w;
+    const double det = glm::determinant(jacobian);
+    if (det == 0.0) continue;
+    const double squares = glm::dot(jacobian[0], jacobian[0]) + glm::dot(jacobian[1], jacobian[1]);
+    // h_sample = N / D^2 with N = sum J_ij^2, D = det J. dh/dJ_ij = 2 J_ij / D^2 - 2 N / D^3 dD/dJ_ij.
+    const double cofactor[2][2] = {{jacobian[1][1], -jacobian[1][0]}, {-jacobian[0][1], jacobian[0][0]}};
+    for (int j = 0; j < 2; ++j) {
+      for (int i = 0; i < 2; ++i) {
+        const double dh =
+            2.0 * jacobian[j][i] / (det * det) - 2.0 * squares / (det * det * det) * cofactor[j][i];
+        const glm::dvec3 dj = ((2.0 * u[i] * h_dr[j].z - h_dr[j][i]) * r - h_r[i] * dr[j]) / (w * w);
+        gradient += dh * dj;
+      }
+    }
+  }
+  return gradient;
+}
+
+double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
+                       std::vector<double>* scratch) {
+  scratch->clear();
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const double badness = InverseNormSquared(samples, i, texel_from_ray);
+    if (badness >= 0.0) scratch->push_back(badness);
+  }
+  if (scratch->empty()) return 0.0;
+  const auto middle = scratch->begin() + static_cast<std::ptrdiff_t>(scratch->size() / 2);
+  std::nth_element(scratch->begin(), middle, scratch->end());
+  return *middle;
+}
+
+double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
+  double sum = 0.0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const glm::dvec3 r = samples.Ray(i);
+    if (!((texel_from_ray * r).z > 0.0)) continue;
+    const glm::dmat2 jacobian = TexelJacobian(texel_from_ray, r, samples.RayDx1(i), samples.RayDx2(i));
+    const double det = glm::determinant(jacobian);
+    if (det == 0.0) continue;
+    // n^T J^-1, with J^-1 = adj(J) / det.
+    const double along1 = std::abs((samples.n1[i] * jacobian[1][1] - samples.n2[i] * jacobian[0][1]) / det);
+    const double along2 = std::abs((samples.n2[i] * jacobian[0][0] - samples.n1[i] * jacobian[1][0]) / det);
+    const double s = std::max(along1, along2);
+    const double t = std::min(along1, along2);
+    if (s > 0.0) sum += samples.length[i] * (0.25 * s + t * t / (12.0 * s));
+  }
+  return sum;
+}
+
+}  // namespace shadowfit

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <glm/glm.hpp>
+#include <vector>
+
+#include "core/frame/light_samples.h"
+
+namespace shadowfit {
+
+/// The Jacobian du_i/dx_j of texel coordinates by screen coordinates, texels per pixel, at one sample
+/// (TR-07-07, equations 7 and 8, with the surface's own tangents in place of dx3/dx_j):
+///
+///   J_ij = (h_i . dr_j - u_i h_3 . dr_j) / (h_3 . r)
+///
+/// GLM's column-major order: J[j][i]. `texel_from_ray` has rows h1, h2, h3.
+glm::dmat2 TexelJacobian(const glm::dmat3& texel_from_ray, const glm::dvec3& r, const glm::dvec3& dr1,
+                         const glm::dvec3& dr2);
+
+/// The papers' objective h (TR-07-07, equation 9): the sum over samples of ||J^-1||_F^2 = (sum J_ij^2) /
+/// det(J)^2, squared pixels. Samples with h3.r <= 0 or a singular Jacobian, which no matrix could serve, are
+/// left out.
+double FrobeniusMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
+
+/// The gradient of the same by h3 with h1 and h2 held fixed (TR-07-07, appendix):
+///
+///   d(J_ij)/dh3 = [ (2 u_i (h3.dr_j) - (h_i.dr_j)) r - (h_i.r) dr_j ] / (h3.r)^2
+glm::dvec3 FrobeniusAxisGradient(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
+
+/// The median over samples of ||J^-1||_F^2, by which the papers decide whether a new matrix is a sufficient
+/// improvement. 0 without samples. `scratch` is working memory.
+double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
+                       std::vector<double>* scratch);
+
+/// Expected number of misclassified pixels. One step of a texel moves a screen point by dx/du_k; across a
+/// shadow edge with screen normal n that is |n . dx/du_k| pixels. Write s >= t for the two. A straight edge
+/// crosses texels whose parallelogram footprint has, along n, the trapezoidal profile of the sum of two
+/// independent uniform offsets of widths s and t: the stepped image of the edge is displaced by D = S + T, S
+/// uniform in [-s/2, s/2], T in [-t/2, t/2], and per pixel of edge the misclassified area is
+///
+///   E|S + T| = s/4 + t^2 / (12 s).
+///
+/// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  Summed over samples, each times its
+/// length of edge. Samples with h3.r <= 0 are left out.
+double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
+
+}  // namespace shadowfit

@@ -1,0 +1,106 @@
+#include "core/fit/ray_hull.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/math/convex_hull.h"
+#include "core/math/enclosing_cone.h"
+
+namespace shadowfit {
+namespace {
+
+/// Centres a directional light's plane coordinates on their box and scales its half diagonal to one.
+glm::dmat3 NormalizePlane(std::span<const glm::dvec3> rays) {
+  glm::dvec2 low(1e300);
+  glm::dvec2 high(-1e300);
+  for (const glm::dvec3& r : rays) {
+    low = glm::min(low, glm::dvec2(r));
+    high = glm::max(high, glm::dvec2(r));
+  }
+  const glm::dvec2 center = 0.5 * (low + high);
+  const double radius = 0.5 * glm::length(high - low);
+  const double scale = radius > 0.0 ? 1.0 / radius : 1.0;
+  return {glm::dvec3(scale, 0, 0), glm::dvec3(0, scale, 0), glm::dvec3(-scale * center, 1.0)};
+}
+
+/// The axis, among the coordinate axes and the mean direction, that keeps most rays within the reduced cone.
+glm::dvec3 BestReducedAxis(std::span<const glm::dvec3> rays) {
+  glm::dvec3 mean(0.0);
+  for (const glm::dvec3& r : rays) {
+    if (const double length = glm::length(r); length > 0.0) mean += r / length;
+  }
+  std::vector<glm::dvec3> candidates = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+  if (glm::length(mean) > 1e-9) candidates.push_back(glm::normalize(mean));
+  const double threshold = std::cos(kReducedHalfAngle);
+  glm::dvec3 best = candidates.back();
+  size_t most = 0;
+  for (const glm::dvec3& axis : candidates) {
+    const auto kept = static_cast<size_t>(std::count_if(rays.begin(), rays.end(), [&](const glm::dvec3& r) {
+      return glm::dot(axis, r) > threshold * glm::length(r);
+    }));
+    if (kept > most) {
+      most = kept;
+      best = axis;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+ImagePlane ImagePlane::About(const glm::dvec3& axis) {
+  const glm::dvec3 a = glm::abs(axis);
+  const glm::dvec3 helper = a.x <= a.y && a.x <= a.z ? glm::dvec3(1, 0, 0)
+                            : a.y <= a.z             ? glm::dvec3(0, 1, 0)
+                                                     : glm::dvec3(0, 0, 1);
+  const glm::dvec3 b1 = glm::normalize(glm::cross(helper, axis));
+  return {b1, glm::cross(axis, b1), axis};
+}
+
+RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays) {
+  RayHull hull;
+  if (rays.empty()) return hull;
+  std::vector<glm::dvec3> normalized(rays.begin(), rays.end());
+  if (ray_space.is_directional()) {
+    hull.normalized_from_ray = NormalizePlane(rays);
+    for (glm::dvec3& r : normalized) r = hull.normalized_from_ray * r;
+  } else {
+    // A visible point at the light itself has no ray.
+    std::erase_if(normalized, [](const glm::dvec3& r) { return r == glm::dvec3(0.0); });
+    if (normalized.empty()) normalized.push_back({0.0, 0.0, 1.0});
+  }
+  std::optional<EnclosingCone> cone = SmallestEnclosingCone(normalized);
+  if (!cone || cone->cos_half_angle < 1e-4) {
+    hull.complete = false;
+    const glm::dvec3 axis = BestReducedAxis(normalized);
+    std::erase_if(normalized, [&](const glm::dvec3& r) {
+      return glm::dot(axis, r) <= std::cos(kReducedHalfAngle) * glm::length(r);
+    });
+    cone = SmallestEnclosingCone(normalized);
+    if (!cone) return hull;
+  }
+  hull.axis = cone->axis;
+  const ImagePlane plane = ImagePlane::About(hull.axis);
+  std::vector<glm::dvec2> projected;
+  projected.reserve(normalized.size());
+  for (const glm::dvec3& r : normalized) projected.push_back(plane.Project(r));
+  for (const int index : ConvexHull2(projected))
+    hull.vertices.push_back(normalized[static_cast<size_t>(index)]);
+  return hull;
+}
+
+RayHull MakeRayHull(const LightProblem& problem, bool with_footprints) {
+  const LightSamples& samples = *problem.samples;
+  std::vector<glm::dvec3> rays = samples.hull_rays;
+  if (with_footprints) {
+    rays.insert(rays.end(), samples.hull_footprint_rays.begin(), samples.hull_footprint_rays.end());
+  }
+  if (rays.empty()) {
+    for (const glm::dvec3& corner : problem.ws_scene_bounds.Corners()) {
+      rays.push_back(problem.ray_space->RayFromPoint(corner));
+    }
+  }
+  return MakeRayHull(*problem.ray_space, rays);
+}
+
+}  // namespace shadowfit

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <glm/glm.hpp>
+#include <span>
+#include <vector>
+
+#include "core/fit/light_problem.h"
+
+namespace shadowfit {
+
+/// The rays that a map must hold, reduced to what a fit needs of them. Projective maps keep convex hulls, so
+/// the same vertices serve every valid axis: they are found once.
+struct RayHull {
+  /// Affine for a directional light (centres and scales its plane coordinates, which are in world units, to a
+  /// disc of radius one), the identity for a point light: makes angles of the axis mean something. Everything
+  /// below is in these normalised coordinates.
+  glm::dmat3 normalized_from_ray{1.0};
+  /// Vertices of the hull, counter-clockwise about the axis.
+  std::vector<glm::dvec3> vertices;
+  /// Unit axis of the smallest cone around the rays: the best-centred valid axis.
+  glm::dvec3 axis{0.0, 0.0, 1.0};
+  /// False where the rays span a half space or more, so that no single map holds them: the hull then is that
+  /// of the rays within kReducedHalfAngle of the axis that keeps most of them.
+  bool complete = true;
+};
+
+/// Half angle in radians (75 degrees) of the cone that is kept where the rays do not fit into any.
+inline constexpr double kReducedHalfAngle = 1.3089969389957472;
+
+/// Empty `vertices` where there is no ray.
+RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays);
+
+/// The rays of the samples or, where the light reaches nothing that is visible, of the scene's bounds; never
+/// empty. `with_footprints` adds the footprint corners of the samples.
+RayHull MakeRayHull(const LightProblem& problem, bool with_footprints);
+
+/// Image-plane coordinates about a unit axis: v = (b1.r, b2.r) / (axis.r) with b1, b2 orthonormal to it.
+struct ImagePlane {
+  glm::dvec3 b1;
+  glm::dvec3 b2;
+  glm::dvec3 axis;
+
+  static ImagePlane About(const glm::dvec3& axis);
+  glm::dvec2 Project(const glm::dvec3& r) const {
+    const double w = glm::dot(axis, r);
+    return {glm::dot(b1, r) / w, glm::dot(b2, r) / w};
+  }
+};
+
+}  // namespace shadowfit

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/frame/camera.h"
+#include "core/frame/images.h"
+#include "core/frame/light_samples.h"
+#include "core/math/ray_space.h"
+#include "core/math/shadow_projection.h"
+
+namespace shadowfit {
+
+/// What the lights of a frame share.
+struct FrameExtent {
+  int visible_pixels = 0;
+  double nearest_ndc_depth = 0.0;  ///< Of the visible pixels; meaningless without any.
+  double farthest_ndc_depth = 0.0;
+};
+
+/// Finds, in a depth and a bit buffer, what every light's fit needs: boundary samples with their derivatives,
+/// and the rays that the map must hold. Each pixel is unprojected once for all lights, and only where some
+/// light asks for it. Keeps its working memory between frames.
+class FrameSampler {
+ public:
+  FrameSampler();
+  ~FrameSampler();
+  FrameSampler(FrameSampler&&) noexcept;
+  FrameSampler& operator=(FrameSampler&&) noexcept;
+
+  /// `samples` is resized to one entry a light. Bit i of `bits` belongs to ray_spaces[i]. `screen` is the
+  /// size of the final picture, in whose pixels derivatives and lengths are expressed.
+  void Sample(const Camera& camera, const DepthView& depth, const std::optional<BitsView>& bits,
+              std::span<const RaySpace> ray_spaces, MapSize screen, FrameExtent* extent,
+              std::vector<LightSamples>* samples);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+}  // namespace shadowfit
