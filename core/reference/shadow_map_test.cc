@@ -1,0 +1,73 @@
+#include "core/reference/shadow_map_test.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace shadowfit {
+namespace {
+
+/// Neighbouring triangles of a flat surface differ from the tangent plane by the rounding of their float
+/// vertices: casters that are nearer by less than this share of the coordinates' size do not count.
+constexpr double kRelativeTolerance = 1e-5;
+
+/// Whether the texel's caster hides the tangent plane at `ws_point` from the light.
+bool IsShadowed(const CasterMap& map, const RaySpace& ray_space, int x, int y, uint32_t primitive,
+                const glm::dvec3& ws_point, const glm::dvec3& ws_normal) {
+  const size_t texel = size_t(y) * size_t(map.projection.size.width) + size_t(x);
+  if (map.primitive[texel] == kNoPrimitive || map.primitive[texel] == primitive) return false;
+  const RaySpace::WsRay ray = map.TexelRay(ray_space, x, y);
+  // The light falls onto the plane from its front. A ray that runs alongside it or away from it stays in
+  // front for ever: the plane is infinitely far along it, and any caster is nearer.
+  const double towards_plane = -glm::dot(ws_normal, ray.direction);
+  if (!(towards_plane > 0.0)) return true;
+  const double receiver = glm::dot(ws_normal, ray.origin - ws_point) / towards_plane;
+  const glm::dvec3 size = glm::abs(ws_point);
+  const double tolerance = kRelativeTolerance * std::max({size.x, size.y, size.z});
+  return map.along_ray[texel] < receiver - tolerance / glm::length(ray.direction);
+}
+
+}  // namespace
+
+absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const VisibleSurface& surface,
+                                          const ShadowMask& truth, const RaySpace& ray_space,
+                                          std::span<const ShadowProjection> projections) {
+  std::vector<CasterMap> maps;
+  maps.reserve(projections.size());
+  for (const ShadowProjection& projection : projections) {
+    absl::StatusOr<CasterMap> map = scene.RenderCasters(ray_space, projection);
+    if (!map.ok()) return map.status();
+    maps.push_back(*std::move(map));
+  }
+
+  ShadowMask mask(surface.size(), PixelLight::kNotConcerned);
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, surface.size(), 4096), [&](const auto& range) {
+    for (size_t i = range.begin(); i != range.end(); ++i) {
+      if (truth[i] == PixelLight::kNotConcerned) continue;
+      const glm::dvec3& ws_point = surface.ws_point[i];
+      const glm::dvec3 r = ray_space.RayFromPoint(ws_point);
+      bool shadowed = false;
+      for (const CasterMap& map : maps) {
+        const glm::dvec3 u = map.projection.TexelFromRay(r);
+        const MapSize size = map.projection.size;
+        if (!(u.z > 0.0 && u.x >= 0.0 && u.x < size.width && u.y >= 0.0 && u.y < size.height)) continue;
+        shadowed = IsShadowed(map, ray_space, int(u.x), int(u.y), surface.primitive[i], ws_point,
+                              surface.ws_normal[i]);
+        break;
+      }
+      mask[i] = shadowed ? PixelLight::kShadowed : PixelLight::kLit;
+    }
+  });
+  return mask;
+}
+
+int CountWrongPixels(const ShadowMask& truth, const ShadowMask& mask) {
+  int wrong = 0;
+  for (size_t i = 0; i < truth.size(); ++i) wrong += truth[i] != mask[i] ? 1 : 0;
+  return wrong;
+}
+
+}  // namespace shadowfit
