@@ -1,0 +1,126 @@
+#include "client/client.h"
+
+#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "client/grpc_status.h"
+#include "shadowfit/v1/info.grpc.pb.h"
+#include "shadowfit/v1/optimizer.grpc.pb.h"
+
+namespace shadowfit {
+namespace {
+
+// Calls of Optimize depend on nothing but their frame, so that any replica can serve any call and a call that
+// a dying replica lost may be sent again. Streams are not retried: their end is the caller's to know.
+constexpr char kServiceConfig[] = R"({
+  "loadBalancingConfig": [{"round_robin": {}}],
+  "healthCheckConfig": {"serviceName": "shadowfit.v1.OptimizerService"},
+  "methodConfig": [{
+    "name": [{"service": "shadowfit.v1.OptimizerService", "method": "Optimize"}],
+    "retryPolicy": {
+      "maxAttempts": 4,
+      "initialBackoff": "0.02s",
+      "maxBackoff": "0.5s",
+      "backoffMultiplier": 2,
+      "retryableStatusCodes": ["UNAVAILABLE"]
+    }
+  }]
+})";
+
+// Hands a message to a request for as long as a call lasts: a frame is megabytes that need no copy.
+class BorrowedFrame {
+ public:
+  BorrowedFrame(const v1::Frame& frame, v1::OptimizeRequest& request) : request_(request) {
+    request_.unsafe_arena_set_allocated_frame(const_cast<v1::Frame*>(&frame));  // It is only read.
+  }
+  ~BorrowedFrame() { static_cast<void>(request_.unsafe_arena_release_frame()); }
+  BorrowedFrame(const BorrowedFrame&) = delete;
+  BorrowedFrame& operator=(const BorrowedFrame&) = delete;
+
+ private:
+  v1::OptimizeRequest& request_;
+};
+
+template <typename Call>
+absl::Status RunCall(const std::string& name, const CallOptions& options, const Call& call) {
+  grpc::ClientContext context;
+  if (options.timeout.count() > 0) {
+    context.set_deadline(std::chrono::system_clock::now() + options.timeout);
+  }
+  const std::stop_callback cancel(options.stop, [&context] { context.TryCancel(); });
+  return StatusFromGrpc(call(&context), name);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& address,
+                                                        const ClientOptions& options) {
+  if (address.empty()) return absl::InvalidArgumentError("address: empty; give HOST:PORT or unix:PATH");
+  if (!absl::StrContains(address, ':')) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("address: \"", address, "\" is neither HOST:PORT nor unix:PATH"));
+  }
+  const int max_message_bytes =
+      static_cast<int>(std::min<size_t>(options.max_message_bytes, std::numeric_limits<int>::max()));
+  grpc::ChannelArguments arguments;
+  arguments.SetServiceConfigJSON(kServiceConfig);
+  arguments.SetMaxSendMessageSize(max_message_bytes);
+  arguments.SetMaxReceiveMessageSize(max_message_bytes);
+  // A message above the retry buffer is never retried.
+  arguments.SetInt(GRPC_ARG_PER_RPC_RETRY_BUFFER_SIZE, max_message_bytes);
+  // A host that vanished without closing its connections is noticed all the same.
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 20000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 5000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 0);
+  std::shared_ptr<grpc::Channel> channel =
+      grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  if (!channel->WaitForConnected(std::chrono::system_clock::now() + options.connect_timeout)) {
+    return absl::UnavailableError(absl::StrCat(address, ": no shadowfit service answered within ",
+                                               options.connect_timeout.count(), " ms"));
+  }
+  return FromChannel(std::move(channel), address);
+}
+
+std::unique_ptr<Client> Client::FromChannel(std::shared_ptr<grpc::Channel> channel, std::string name) {
+  return std::unique_ptr<Client>(new Client(std::move(channel), std::move(name)));
+}
+
+Client::Client(std::shared_ptr<grpc::Channel> channel, std::string name)
+    : channel_(std::move(channel)), name_(std::move(name)) {}
+
+Client::~Client() = default;
+
+absl::StatusOr<v1::FrameResult> Client::Optimize(const v1::Frame& frame, const CallOptions& options) {
+  const auto stub = v1::OptimizerService::NewStub(channel_);
+  v1::OptimizeRequest request;
+  const BorrowedFrame borrowed(frame, request);
+  v1::OptimizeResponse response;
+  const absl::Status status = RunCall(name_, options, [&](grpc::ClientContext* context) {
+    return stub->Optimize(context, request, &response);
+  });
+  if (!status.ok()) return status;
+  return std::move(*response.mutable_result());
+}
+
+std::unique_ptr<FrameStream> Client::OpenStream(const FrameStreamOptions& options) {
+  return std::make_unique<FrameStream>(channel_, name_, options);
+}
+
+absl::StatusOr<v1::GetInfoResponse> Client::GetInfo(const CallOptions& options) {
+  const auto stub = v1::InfoService::NewStub(channel_);
+  v1::GetInfoResponse response;
+  const absl::Status status = RunCall(
+      name_, options, [&](grpc::ClientContext* context) { return stub->GetInfo(context, {}, &response); });
+  if (!status.ok()) return status;
+  return response;
+}
+
+}  // namespace shadowfit
