@@ -6,6 +6,8 @@
 namespace shadowfit {
 namespace {
 
+constexpr double kSteepestShear = 10.0;
+
 /// A sheared rectangle: x' = e.p + shear * (n.p - bottom) in [low, high], y = n.p in [bottom, top].
 struct ShearedRectangle {
   glm::dvec2 e{1.0, 0.0};
@@ -82,7 +84,8 @@ TexelFromPlane FitMinimumArea(std::span<const glm::dvec2> polygon, MapSize size,
     }
     if (!skew) continue;
     const double shear = HeuristicShear(polygon, i, e, bottom);
-    if (shear == 0.0) continue;
+    // Steeper than this only occurs where the polygon is almost a line, whose area says nothing.
+    if (shear == 0.0 || std::abs(shear) > kSteepestShear) continue;
     ShearedRectangle sheared = Enclose(polygon, e, bottom, shear);
     if (sheared.Area() < best_area) {
       // Enclose measured the shear from `bottom`; the box's own lowest point is that edge up to rounding.
@@ -93,10 +96,11 @@ TexelFromPlane FitMinimumArea(std::span<const glm::dvec2> polygon, MapSize size,
     }
   }
 
-  // Widen what has no area: to a thousandth of the other side, and never to nothing.
+  // Widen what has no area: to a thousandth of the other side, and never below what doubles resolve with
+  // ease.
   double width = best.high - best.low;
   double height = best.top - best.bottom;
-  const double least = std::max(1e-3 * std::max(width, height), 1e-9);
+  const double least = std::max(1e-3 * std::max(width, height), 1e-6);
   if (width < least) {
     best.low -= 0.5 * (least - width);
     width = least;

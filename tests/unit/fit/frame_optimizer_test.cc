@@ -1,0 +1,396 @@
+#include "core/fit/frame_optimizer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "core/fit/rescale_previous.h"
+#include "core/frame/frame_sampler.h"
+#include "tests/support/analytic_scene.h"
+
+namespace shadowfit {
+namespace {
+
+using testing::AnalyticScene;
+using ::testing::HasSubstr;
+using testing::OwnedFrame;
+using ::testing::StartsWith;
+using testing::Uniform;
+
+Options WithMethod(Method method) {
+  Options options;
+  options.method = method;
+  return options;
+}
+
+/// The hull samples of a frame, found anew by a sampler of its own.
+std::vector<LightSamples> SamplesOf(const FrameRequest& request) {
+  FrameSampler sampler;
+  const Camera camera = *Camera::Create(request.camera);
+  std::vector<RaySpace> spaces;
+  for (const LightRequest& light : request.lights) spaces.push_back(*RaySpace::Create(light.light));
+  FrameExtent extent;
+  std::vector<LightSamples> samples;
+  const MapSize screen =
+      request.screen == MapSize{} ? MapSize{request.depth.width, request.depth.height} : request.screen;
+  sampler.Sample(camera, request.depth, request.bits, spaces, screen, &extent, &samples);
+  return samples;
+}
+
+/// Finite, not mirrored, w > 0 and inside the map for every hull sample, and equal in its 4x4 form.
+void ExpectUsable(const FrameRequest& request, const FrameSummary& summary, bool expect_containment = true) {
+  const std::vector<LightSamples> samples = SamplesOf(request);
+  ASSERT_EQ(summary.lights.size(), request.lights.size());
+  for (size_t i = 0; i < summary.lights.size(); ++i) {
+    const LightSummary& light = summary.lights[i];
+    const RaySpace space = *RaySpace::Create(request.lights[i].light);
+    for (int k = 0; k < 16; ++k)
+      ASSERT_TRUE(std::isfinite(light.clip_from_world[k / 4][k % 4])) << "light " << i;
+    EXPECT_NEAR(glm::length(light.projection.Axis()), 1.0, 1e-9);
+    if (light.outcome == FitOutcome::kFallback) {
+      EXPECT_FALSE(light.note.empty());
+      continue;
+    }
+    if (!expect_containment) continue;
+    const double slack = 1e-6;
+    for (const glm::dvec3& ray : samples[i].hull_rays) {
+      const glm::dvec3 u = light.projection.TexelFromRay(ray);
+      ASSERT_GT(u.z, 0.0) << "light " << i;
+      ASSERT_GE(u.x, -slack * light.projection.size.width) << "light " << i;
+      ASSERT_GE(u.y, -slack * light.projection.size.height) << "light " << i;
+      ASSERT_LE(u.x, (1 + slack) * light.projection.size.width) << "light " << i;
+      ASSERT_LE(u.y, (1 + slack) * light.projection.size.height) << "light " << i;
+      // The same through the 4x4 matrix.
+      const RaySpace::WsRay ws_ray = space.WorldRay(ray);
+      const glm::dvec3 ws = space.is_directional() ? ws_ray.origin : ws_ray.origin + ws_ray.direction;
+      const glm::dvec4 clip = light.clip_from_world * glm::dvec4(ws, 1.0);
+      EXPECT_NEAR((clip.x / clip.w + 1.0) / 2.0 * light.projection.size.width, u.x,
+                  1e-5 * light.projection.size.width);
+      EXPECT_NEAR((clip.y / clip.w + 1.0) / 2.0 * light.projection.size.height, u.y,
+                  1e-5 * light.projection.size.height);
+    }
+  }
+}
+
+OwnedFrame StandardFrame(std::vector<LightRequest> lights, int size = 64) {
+  std::mt19937 random(5);
+  return testing::Draw(testing::RandomSpheres(random, 12),
+                       testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), size, size,
+                       std::move(lights));
+}
+
+LightRequest MakeLight(Light light, uint32_t id = 1, MapSize size = {256, 256}) {
+  return {id, light, size, {}};
+}
+
+FrameSummary Optimize(const FrameRequest& request, Method method = Method::kPaper) {
+  FrameOptimizer optimizer;
+  FrameSummary summary;
+  const absl::Status status = optimizer.Optimize(request, WithMethod(method), Cancellation(), &summary);
+  EXPECT_TRUE(status.ok()) << status;
+  return summary;
+}
+
+class EveryMethod : public ::testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, ::testing::Values(Method::kPaper, Method::kDefault),
+                         [](const auto& info) { return std::string(MethodName(info.param)); });
+
+TEST_P(EveryMethod, NoHullSampleFallsOutsideTheMapInTenThousandFrames) {
+  std::mt19937 random(11);
+  FrameOptimizer optimizer;
+  FrameSummary summary;
+  for (int trial = 0; trial < 10000; ++trial) {
+    const auto convention = static_cast<ClipDepth>(random() % 3);
+    const AnalyticScene scene = testing::RandomSpheres(random, static_cast<int>(random() % 8));
+    OwnedFrame frame = testing::Draw(scene, testing::WalkThroughCamera(random, convention), 14, 14,
+                                     {testing::RandomLight(random, 0), testing::RandomLight(random, 1)});
+    frame.request.output_clip_depth = static_cast<ClipDepth>(random() % 3);
+    const absl::Status status =
+        optimizer.Optimize(frame.request, WithMethod(GetParam()), Cancellation(), &summary);
+    ASSERT_TRUE(status.ok()) << status;
+    ASSERT_NO_FATAL_FAILURE(ExpectUsable(frame.request, summary)) << "trial " << trial;
+  }
+}
+
+TEST_P(EveryMethod, DepthIsMonotoneAlongEveryLightRay) {
+  std::mt19937 random(12);
+  for (int trial = 0; trial < 200; ++trial) {
+    const auto convention = static_cast<ClipDepth>(random() % 3);
+    OwnedFrame frame = testing::Draw(testing::RandomSpheres(random, 6),
+                                     testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 24, 24,
+                                     {testing::RandomLight(random, 0)});
+    frame.request.output_clip_depth = convention;
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    const std::vector<LightSamples> samples = SamplesOf(frame.request);
+    const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+    const bool rising = convention != ClipDepth::kReversedZeroToOne;
+    for (size_t k = 0; k < samples[0].hull_rays.size(); k += 7) {
+      // A fallback's map does not hold every ray.
+      if (!(summary.lights[0].projection.TexelFromRay(samples[0].hull_rays[k]).z > 0.0)) continue;
+      const RaySpace::WsRay ray = space.WorldRay(samples[0].hull_rays[k]);
+      double previous = rising ? -1e300 : 1e300;
+      for (double t = 0.1; t < 2.0; t += 0.1) {
+        const double along = space.is_directional() ? samples[0].hull_along_ray[k] + 20.0 * (t - 1.0) : t;
+        const glm::dvec4 clip =
+            summary.lights[0].clip_from_world * glm::dvec4(ray.origin + along * ray.direction, 1.0);
+        const double z = clip.z / clip.w;
+        EXPECT_TRUE(rising ? z > previous : z < previous);
+        previous = z;
+        if (std::abs(t - 1.0) < 1e-9) {  // The receiver itself lies within the depth range.
+          EXPECT_GE(z, std::min(NearNdc(convention), FarNdc(convention)) - 1e-9);
+          EXPECT_LE(z, std::max(NearNdc(convention), FarNdc(convention)) + 1e-9);
+        }
+      }
+    }
+  }
+}
+
+TEST_P(EveryMethod, ServesOrStatesDegenerateConfigurations) {
+  const glm::dvec3 camera_forward = [] {
+    std::mt19937 random(5);
+    testing::RandomSpheres(random, 12);
+    const CameraMatrices matrices = testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne);
+    return -glm::dvec3(glm::transpose(matrices.view_from_world)[2]);
+  }();
+  struct Case {
+    const char* name;
+    Light light;
+  };
+  const Case cases[] = {
+      {"inside the view frustum", PointLight{{0, 0, 1}}},
+      {"inside the view frustum, spot", SpotLight{{0, 0, 2}, {0, 0, -1}, 0.8}},
+      {"behind the camera", PointLight{{0, -30, 4}}},
+      {"below the floor", PointLight{{0, 0, -5}}},
+      {"in the floor", PointLight{{20, 0, 0}}},
+      {"sun parallel to the view", DirectionalLight{camera_forward}},
+      {"sun against the view", DirectionalLight{-camera_forward}},
+      {"sun at the horizon", DirectionalLight{{1, 0, 0}}},
+      {"sun from below", DirectionalLight{{0, 0, 1}}},
+      {"very far point", PointLight{{1e7, 1e7, 1e7}}},
+      {"sun at noon", DirectionalLight{{0, 0, -1}}},
+  };
+  for (const Case& c : cases) {
+    SCOPED_TRACE(c.name);
+    OwnedFrame frame = StandardFrame({MakeLight(c.light)});
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    ExpectUsable(frame.request, summary);
+  }
+}
+
+TEST_P(EveryMethod, ServesAllLitAllShadowedAndEmptyFrames) {
+  const Light sun = DirectionalLight{{0.3, 0.2, -1}};
+  OwnedFrame frame = StandardFrame({MakeLight(sun)});
+  {
+    SCOPED_TRACE("all lit");
+    std::fill(frame.bits.begin(), frame.bits.end(), 0);
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    ExpectUsable(frame.request, summary);
+    EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kAllVisible);
+    EXPECT_EQ(summary.lights[0].predicted_misclassified_pixels, 0.0);
+  }
+  {
+    SCOPED_TRACE("all shadowed");
+    std::fill(frame.bits.begin(), frame.bits.end(), ~uint32_t{0});
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    ExpectUsable(frame.request, summary);
+    EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kAllVisible);
+  }
+  {
+    SCOPED_TRACE("no bits");
+    frame.request.bits.reset();
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    ExpectUsable(frame.request, summary);
+    EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kAllVisible);
+  }
+  {
+    SCOPED_TRACE("empty scene");
+    for (const float background :
+         {1.0f, std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+      std::fill(frame.depth.begin(), frame.depth.end(), background);
+      const FrameSummary summary = Optimize(frame.request, GetParam());
+      ExpectUsable(frame.request, summary);
+      EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kNone);
+    }
+  }
+  {
+    SCOPED_TRACE("one visible pixel");
+    frame.depth[1000] = 0.9f;
+    ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+  }
+}
+
+TEST_P(EveryMethod, ServesACameraInsideAnObject) {
+  AnalyticScene scene;
+  scene.spheres.push_back({{0, -10, 1.5}, 3.0});
+  std::mt19937 random(8);
+  OwnedFrame frame =
+      testing::Draw(scene, testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 48, 48,
+                    {MakeLight(PointLight{{3, 4, 9}}, 1), MakeLight(DirectionalLight{{0, 1, -1}}, 2)});
+  ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+}
+
+TEST_P(EveryMethod, AnswersDependOnTheRequestAlone) {
+  std::mt19937 random(9);
+  OwnedFrame first = StandardFrame({testing::RandomLight(random, 1), testing::RandomLight(random, 2)});
+  OwnedFrame other = StandardFrame({testing::RandomLight(random, 1)}, 50);
+  FrameOptimizer used;
+  FrameSummary warm;
+  FrameSummary discarded;
+  ASSERT_TRUE(used.Optimize(other.request, WithMethod(GetParam()), Cancellation(), &discarded).ok());
+  ASSERT_TRUE(used.Optimize(first.request, WithMethod(GetParam()), Cancellation(), &warm).ok());
+  const FrameSummary fresh = Optimize(first.request, GetParam());
+  for (size_t i = 0; i < fresh.lights.size(); ++i) {
+    EXPECT_EQ(fresh.lights[i].clip_from_world, warm.lights[i].clip_from_world);
+  }
+}
+
+TEST_P(EveryMethod, RowOrderDoesNotMatter) {
+  std::mt19937 random(10);
+  OwnedFrame frame = StandardFrame({testing::RandomLight(random, 1)});
+  const FrameSummary bottom_first = Optimize(frame.request, GetParam());
+  const int size = frame.request.depth.width;
+  std::vector<float> depth(frame.depth.size());
+  std::vector<uint32_t> bits(frame.bits.size());
+  for (int y = 0; y < size; ++y) {
+    std::copy_n(frame.depth.begin() + y * size, size, depth.begin() + (size - 1 - y) * size);
+    std::copy_n(frame.bits.begin() + y * size, size, bits.begin() + (size - 1 - y) * size);
+  }
+  frame.request.depth = TopFirst(depth.data(), size, size);
+  frame.request.bits = TopFirst(bits.data(), size, size);
+  EXPECT_EQ(Optimize(frame.request, GetParam()).lights[0].clip_from_world,
+            bottom_first.lights[0].clip_from_world);
+}
+
+TEST(PaperMethod, KeepsThePreviousMatrixUntilTheMedianImproves) {
+  OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})});
+  const FrameSummary fresh = Optimize(frame.request);
+  EXPECT_EQ(fresh.lights[0].outcome, FitOutcome::kFitted);
+  frame.request.lights[0].previous_clip_from_world = fresh.lights[0].clip_from_world;
+  const FrameSummary again = Optimize(frame.request);
+  EXPECT_EQ(again.lights[0].outcome, FitOutcome::kKeptPrevious);
+  for (int k = 0; k < 4; ++k) {
+    EXPECT_LT(glm::length(again.lights[0].clip_from_world[k] - fresh.lights[0].clip_from_world[k]), 1e-9);
+  }
+  // A previous matrix of sixteen times the extent is not good enough.
+  ShadowProjection loose = fresh.lights[0].projection;
+  const glm::dmat3 shrink(glm::dvec3(0.25, 0, 0), glm::dvec3(0, 0.25, 0), glm::dvec3(96, 96, 1));
+  loose.texel_from_ray = shrink * loose.texel_from_ray;
+  const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+  frame.request.lights[0].previous_clip_from_world =
+      ClipFromWorld(space, loose, fresh.lights[0].depth_range, ClipDepth::kNegativeOneToOne);
+  EXPECT_EQ(Optimize(frame.request).lights[0].outcome, FitOutcome::kFitted);
+}
+
+TEST(PaperMethod, IgnoresAPreviousMatrixOfAnotherLightAndSaysSo) {
+  OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})});
+  const glm::dmat4 matrix = Optimize(frame.request).lights[0].clip_from_world;
+  frame.request.lights[0].light = PointLight{{-4, 2, 12}};
+  const FrameSummary without = Optimize(frame.request);
+  frame.request.lights[0].previous_clip_from_world = matrix;
+  const FrameSummary with = Optimize(frame.request);
+  EXPECT_THAT(with.lights[0].note, HasSubstr("not this light's"));
+  EXPECT_EQ(with.lights[0].clip_from_world, without.lights[0].clip_from_world);
+}
+
+TEST(RescaleToHold, KeepsAxisAndDirectionsAndHoldsAllRays) {
+  std::mt19937 random(21);
+  const ShadowProjection previous{WithUnitAxis(glm::dmat3({3, 1, 0.1}, {-1, 2, 0.0}, {40, 50, 1.0})),
+                                  {100, 100}};
+  std::vector<glm::dvec3> rays;
+  for (int i = 0; i < 50; ++i) rays.emplace_back(Uniform(random, -3, 3), Uniform(random, -3, 3), 2.0);
+  const std::optional<ShadowProjection> held = RescaleToHold(previous, {200, 50}, rays, 0.1);
+  ASSERT_TRUE(held.has_value());
+  EXPECT_LT(glm::length(held->Axis() - previous.Axis()), 1e-12);
+  for (const glm::dvec3& r : rays) {
+    const glm::dvec3 u = held->TexelFromRay(r);
+    EXPECT_GE(u.x, 20.0 - 1e-9);
+    EXPECT_LE(u.x, 180.0 + 1e-9);
+    EXPECT_GE(u.y, 5.0 - 1e-9);
+    EXPECT_LE(u.y, 45.0 + 1e-9);
+  }
+  rays.emplace_back(0.0, 0.0, -1.0);
+  EXPECT_FALSE(RescaleToHold(previous, {200, 50}, rays, 0.1).has_value());
+}
+
+TEST(FrameOptimizer, NamesTheFieldOfBadInput) {
+  const auto expect = [](auto&& spoil, const std::string& beginning) {
+    OwnedFrame frame =
+        StandardFrame({MakeLight(PointLight{{4, -2, 12}}, 1), MakeLight(SpotLight{{0, 0, 9}}, 2)}, 16);
+    spoil(frame.request);
+    FrameOptimizer optimizer;
+    FrameSummary summary;
+    const absl::Status status = optimizer.Optimize(frame.request, Options(), Cancellation(), &summary);
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << beginning;
+    EXPECT_THAT(std::string(status.message()), StartsWith(beginning));
+  };
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  expect([&](FrameRequest& r) { r.camera.view_from_world[1][2] = nan; }, "camera.view.m[6]: nan");
+  expect([&](FrameRequest& r) { r.camera.clip_from_view[0][0] = infinity; }, "camera.projection.m[0]: inf");
+  expect([&](FrameRequest& r) { r.camera.clip_from_view = glm::dmat4(0.0); }, "camera.projection: singular");
+  expect([&](FrameRequest& r) { r.camera.view_from_world[0] = r.camera.view_from_world[1]; },
+         "camera.view: singular");
+  expect([&](FrameRequest& r) { r.depth.width = 0; }, "depth: size 0x16");
+  expect([&](FrameRequest& r) { r.bits->height = 15; }, "shadow_bits: size 16x15");
+  expect([&](FrameRequest& r) { r.lights.clear(); }, "lights: empty");
+  expect([&](FrameRequest& r) { r.lights.resize(33, r.lights[0]); }, "lights: 33");
+  expect([&](FrameRequest& r) { r.lights[1].id = 1; }, "lights[1].id: 1 is not unique");
+  expect([&](FrameRequest& r) { r.lights[0].map_size.width = 0; }, "lights[0].shadow_map.width: 0");
+  expect([&](FrameRequest& r) { r.lights[0].map_size.height = 1 << 20; },
+         "lights[0].shadow_map.height: 1048576");
+  expect(
+      [&](FrameRequest& r) {
+        r.lights[0].light = PointLight{{0, nan, 0}};
+      },
+      "lights[0].point.position: (0, nan, 0)");
+  expect(
+      [&](FrameRequest& r) {
+        r.lights[1].light = SpotLight{{0, 0, 9}, {0, 0, 0}, 0.5};
+      },
+      "lights[1].spot.direction: zero-length vector");
+  expect(
+      [&](FrameRequest& r) {
+        r.lights[1].light = SpotLight{{0, 0, 9}, {0, 0, -1}, 1.6};
+      },
+      "lights[1].spot.outer_half_angle: 1.6");
+  expect(
+      [&](FrameRequest& r) {
+        r.lights[1].light = DirectionalLight{{0, infinity, 0}};
+      },
+      "lights[1].directional.direction: (0, inf, 0)");
+  expect([&](FrameRequest& r) { r.lights[0].previous_clip_from_world = glm::dmat4(nan); },
+         "lights[0].previous_world_to_shadow_clip.m[0]: nan");
+  expect([&](FrameRequest& r) { r.screen = {-1, 5}; }, "screen.width: -1");
+  expect(
+      [&](FrameRequest& r) {
+        r.ws_scene_bounds = Bounds{{0, 0, 1}, {1, 1, 0}};
+      },
+      "scene_bounds: min 1 is above");
+}
+
+TEST(FrameOptimizer, StopsWhenCancelled) {
+  OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})}, 16);
+  FrameOptimizer optimizer;
+  FrameSummary summary;
+  Cancellation cancelled;
+  cancelled.Cancel();
+  EXPECT_EQ(optimizer.Optimize(frame.request, Options(), cancelled, &summary).code(),
+            absl::StatusCode::kCancelled);
+  Cancellation late(Cancellation::Clock::now() - std::chrono::seconds(1));
+  EXPECT_EQ(optimizer.Optimize(frame.request, Options(), late, &summary).code(),
+            absl::StatusCode::kDeadlineExceeded);
+}
+
+TEST(FrameSummary, ReportsEveryLight) {
+  OwnedFrame frame =
+      StandardFrame({MakeLight(PointLight{{4, -2, 12}}, 17), MakeLight(DirectionalLight{{0, 0, -1}}, 23)});
+  const FrameSummary summary = Optimize(frame.request);
+  EXPECT_THAT(summary.BriefReport(), HasSubstr("2 lights"));
+  EXPECT_THAT(summary.FullReport(), HasSubstr("17"));
+  EXPECT_THAT(summary.FullReport(), HasSubstr("23"));
+}
+
+}  // namespace
+}  // namespace shadowfit

@@ -1,0 +1,181 @@
+#include "core/fit/metric.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/frame/frame_sampler.h"
+#include "core/math/shadow_projection.h"
+#include "tests/support/analytic_scene.h"
+
+namespace shadowfit {
+namespace {
+
+using testing::Uniform;
+
+/// One configuration: a light, a camera, a plane that both see, and a random valid matrix.
+struct Configuration {
+  RaySpace ray_space;
+  Camera camera;
+  glm::dvec3 ws_normal;
+  double plane_distance;
+  glm::dmat3 texel_from_ray;
+
+  /// The plane's point at continuous screen coordinates (pixels of a 100x100 screen).
+  glm::dvec3 PointAt(double x1, double x2) const {
+    const glm::dvec2 ndc(x1 / 50.0 - 1.0, x2 / 50.0 - 1.0);
+    const glm::dvec4 a = camera.WsFromNdc({ndc, NearNdc(camera.clip_depth())});
+    const glm::dvec4 b = camera.WsFromNdc({ndc, FarNdc(camera.clip_depth())});
+    const glm::dvec3 origin = glm::dvec3(a) / a.w;
+    const glm::dvec3 direction = glm::dvec3(b) / b.w - origin;
+    const double t = (plane_distance - glm::dot(ws_normal, origin)) / glm::dot(ws_normal, direction);
+    return origin + t * direction;
+  }
+  glm::dvec2 TexelAt(double x1, double x2) const {
+    const glm::dvec3 h = texel_from_ray * ray_space.RayFromPoint(PointAt(x1, x2));
+    return glm::dvec2(h) / h.z;
+  }
+  BoundarySamples Samples() const {
+    // Unprojection's derivatives, as the sampler forms them: along the plane.
+    BoundarySamples samples;
+    for (const glm::dvec2 x : {glm::dvec2(31.5, 22.5), glm::dvec2(60.5, 40.5), glm::dvec2(48.5, 30.5)}) {
+      const double step = 1e-4;
+      const auto derivative = [&](const glm::dvec2& d) {
+        // Fourth-order central difference.
+        const auto at = [&](double k) { return PointAt(x.x + k * step * d.x, x.y + k * step * d.y); };
+        return (8.0 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12.0 * step);
+      };
+      samples.Add(ray_space.RayFromPoint(PointAt(x.x, x.y)), ray_space.RayFromVector(derivative({1, 0})),
+                  ray_space.RayFromVector(derivative({0, 1})), 0.0, {0.6, 0.8}, 1.0);
+    }
+    return samples;
+  }
+};
+
+Configuration RandomConfiguration(std::mt19937& random, int kind) {
+  for (;;) {
+    Configuration c{*RaySpace::Create(PointLight{}),
+                    *Camera::Create(testing::WalkThroughCamera(random, static_cast<ClipDepth>(random() % 3))),
+                    {},
+                    0.0,
+                    {}};
+    c.ws_normal = glm::normalize(glm::dvec3(Uniform(random, -0.3, 0.3), Uniform(random, -0.3, 0.3), 1.0));
+    c.plane_distance = Uniform(random, -0.2, 0.2);
+    glm::dvec3 from = testing::UniformDirection(random);
+    from.z = std::abs(from.z) + 0.3;
+    const glm::dvec3 position = 8.0 * from;
+    if (kind == 0) c.ray_space = *RaySpace::Create(PointLight{position});
+    if (kind == 1) c.ray_space = *RaySpace::Create(SpotLight{position, -from, 0.9});
+    if (kind == 2) c.ray_space = *RaySpace::Create(DirectionalLight{-from});
+    for (int column = 0; column < 3; ++column) {
+      for (int row = 0; row < 3; ++row) c.texel_from_ray[column][row] = Uniform(random, -1, 1);
+    }
+    const BoundarySamples samples = c.Samples();
+    bool good = true;
+    for (size_t i = 0; i < samples.size(); ++i) {
+      const glm::dvec3 r = samples.Ray(i);
+      const double w = (c.texel_from_ray * r).z;
+      if (w < 0.0)
+        c.texel_from_ray = -c.texel_from_ray;  // Both signs mean the same map; only w > 0 is valid.
+    }
+    for (size_t i = 0; i < samples.size(); ++i) {
+      good = good && (c.texel_from_ray * samples.Ray(i)).z > 0.15 * glm::length(samples.Ray(i)) &&
+             std::isfinite(glm::length(samples.RayDx1(i))) && glm::length(samples.RayDx1(i)) < 1.0 &&
+             glm::length(samples.RayDx2(i)) < 1.0;
+      // Differences tell nothing beside a pole: det J far enough from zero.
+      const glm::dmat2 j =
+          TexelJacobian(c.texel_from_ray, samples.Ray(i), samples.RayDx1(i), samples.RayDx2(i));
+      good = good && std::abs(glm::determinant(j)) > 0.05 * (glm::dot(j[0], j[0]) + glm::dot(j[1], j[1]));
+    }
+    if (good) return c;
+  }
+}
+
+class MetricByKind : public ::testing::TestWithParam<int> {};
+
+TEST_P(MetricByKind, JacobianAgreesWithCentralDifferences) {
+  std::mt19937 random(7 + static_cast<uint32_t>(GetParam()));
+  for (int trial = 0; trial < 334; ++trial) {
+    const Configuration c = RandomConfiguration(random, GetParam());
+    const BoundarySamples samples = c.Samples();
+    const glm::dmat2 jacobian =
+        TexelJacobian(c.texel_from_ray, samples.Ray(0), samples.RayDx1(0), samples.RayDx2(0));
+    const double step = 1e-3;
+    for (int j = 0; j < 2; ++j) {
+      const glm::dvec2 d(j == 0 ? step : 0.0, j == 1 ? step : 0.0);
+      const glm::dvec2 numeric =
+          (8.0 * (c.TexelAt(31.5 + d.x, 22.5 + d.y) - c.TexelAt(31.5 - d.x, 22.5 - d.y)) -
+           (c.TexelAt(31.5 + 2 * d.x, 22.5 + 2 * d.y) - c.TexelAt(31.5 - 2 * d.x, 22.5 - 2 * d.y))) /
+          (12.0 * step);
+      EXPECT_LT(glm::length(jacobian[j] - numeric), 1e-6 * glm::length(numeric)) << "trial " << trial;
+    }
+  }
+}
+
+TEST_P(MetricByKind, AxisGradientAgreesWithCentralDifferences) {
+  std::mt19937 random(70 + static_cast<uint32_t>(GetParam()));
+  for (int trial = 0; trial < 334; ++trial) {
+    const Configuration c = RandomConfiguration(random, GetParam());
+    const BoundarySamples samples = c.Samples();
+    const glm::dvec3 gradient = FrobeniusAxisGradient(samples, c.texel_from_ray);
+    glm::dvec3 numeric(0.0);
+    for (int k = 0; k < 3; ++k) {
+      const auto at = [&](double offset) {
+        glm::dmat3 moved = c.texel_from_ray;
+        moved[k][2] += offset;
+        return FrobeniusMetric(samples, moved);
+      };
+      const double e = 1e-4;
+      numeric[k] =
+          (45.0 * (at(e) - at(-e)) - 9.0 * (at(2 * e) - at(-2 * e)) + (at(3 * e) - at(-3 * e))) / (60.0 * e);
+    }
+    EXPECT_LT(glm::length(gradient - numeric), 1e-6 * glm::length(numeric)) << "trial " << trial;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(LightKinds, MetricByKind, ::testing::Values(0, 1, 2));
+
+TEST(EdgeMetric, EqualsTheMonteCarloAreaBetweenAnEdgeAndItsSteppedImage) {
+  // Texel grids at random affine positions over a straight edge: a pixel is wrong where its texel's centre
+  // lies on the other side of the edge.
+  std::mt19937 random(3);
+  for (int trial = 0; trial < 5; ++trial) {
+    const double angle = Uniform(random, 0.0, 6.28);
+    const glm::dmat2 pixel_from_texel(glm::dvec2(Uniform(random, 3, 9), Uniform(random, -2, 2)),
+                                      glm::dvec2(Uniform(random, -2, 2), Uniform(random, 3, 9)));
+    const glm::dmat2 texel_from_pixel = glm::inverse(pixel_from_texel);
+    const glm::dvec2 n(std::cos(angle), std::sin(angle));
+    const glm::dvec2 t(-n.y, n.x);
+    // The light's rays are a plane here: r = (x1, x2, 1).
+    BoundarySamples samples;
+    samples.Add({0, 0, 1}, {1, 0, 0}, {0, 1, 0}, 0.0, n, 1.0);
+    const glm::dmat3 texel_from_ray(glm::dvec3(texel_from_pixel[0], 0), glm::dvec3(texel_from_pixel[1], 0),
+                                    {0, 0, 1});
+    const double predicted = EdgeMetric(samples, texel_from_ray);
+
+    const double reach = 25.0;  // Pixels to either side of the edge that could be wrong.
+    int wrong = 0;
+    const int shots = 400000;
+    for (int i = 0; i < shots; ++i) {
+      const glm::dvec2 x = t * Uniform(random, -500, 500) + n * Uniform(random, -reach, reach);
+      const glm::dvec2 u = texel_from_pixel * x;
+      const glm::dvec2 centre = pixel_from_texel * (glm::floor(u) + 0.5);
+      wrong += (glm::dot(n, x) > 0.0) != (glm::dot(n, centre) > 0.0) ? 1 : 0;
+    }
+    EXPECT_NEAR(2.0 * reach * wrong / shots, predicted, 0.03 * predicted);
+  }
+}
+
+TEST(FrobeniusMedian, IsTheMiddleOfTheSamplesBadness) {
+  BoundarySamples samples;
+  for (const double stretch : {1.0, 2.0, 5.0})
+    samples.Add({0, 0, 1}, {stretch, 0, 0}, {0, stretch, 0}, 0.0, {1, 0}, 1.0);
+  std::vector<double> scratch;
+  // J = stretch * I, so ||J^-1||^2 = 2 / stretch^2.
+  EXPECT_DOUBLE_EQ(FrobeniusMedian(samples, glm::dmat3(1.0), &scratch), 0.5);
+  EXPECT_EQ(FrobeniusMedian(BoundarySamples{}, glm::dmat3(1.0), &scratch), 0.0);
+}
+
+}  // namespace
+}  // namespace shadowfit
