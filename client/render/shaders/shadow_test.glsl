@@ -25,7 +25,8 @@ bool InShadow(int i, vec3 ws_point, vec3 ws_point_dx, vec3 ws_point_dy, vec3 ws_
   // Edge-on to the light the plane has no depth at the centre; such a surface receives no light either.
   if (determinant == 0.0) return false;
   vec2 depth_slope = vec2(ndc_dx.z * ndc_dy.y - ndc_dy.z * ndc_dx.y, ndc_dy.z * ndc_dx.x - ndc_dx.z * ndc_dy.x) / determinant;
-  float receiver = ndc.z + dot(depth_slope, to_centre);
+  // A ray that runs alongside the plane never meets it: beyond the far plane is infinitely far, and any caster nearer.
+  float receiver = min(ndc.z + dot(depth_slope, to_centre), 1.0);
 
   float caster = texelFetch(shadow_maps, ivec3(texel, i), 0).r;
   return caster < 0.5 * (receiver - ndc_bias) + 0.5;
