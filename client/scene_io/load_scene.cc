@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_format.h"
 #include "client/scene_io/import_scene.h"
+#include "core/scene/procedural.h"
 
 namespace shadowfit {
 namespace {
@@ -40,11 +41,19 @@ absl::StatusOr<Scene> LoadSterngarten() {
 
 absl::StatusOr<Scene> LoadScene(std::string_view name_or_path) {
   if (name_or_path.empty()) {
-    return absl::InvalidArgumentError(
-        "scene: empty; a name (sterngarten, plaza) or the path of a model file is accepted");
+    return absl::InvalidArgumentError("scene: empty; a scene's name or the path of a model file is accepted");
   }
   if (name_or_path == "sterngarten") return LoadSterngarten();
-  return ImportScene(fs::path(name_or_path));
+  absl::StatusOr<Scene> generated = MakeProceduralScene(name_or_path);
+  if (!absl::IsNotFound(generated.status())) return generated;
+  absl::StatusOr<Scene> imported = ImportScene(fs::path(name_or_path));
+  if (absl::IsNotFound(imported.status())) {
+    return absl::NotFoundError(absl::StrFormat(
+        "scene \"%s\": no such file, and no scene has this name (known: sterngarten, plaza, hall, "
+        "random, terrain, hairball, dueling)",
+        name_or_path));
+  }
+  return imported;
 }
 
 }  // namespace shadowfit

@@ -176,6 +176,14 @@ TEST_F(LoadSceneTest, BadInputIsNamed) {
   EXPECT_EQ(LoadScene(folder_.string()).status().code(), absl::StatusCode::kInvalidArgument) << "a folder";
 }
 
+TEST_F(LoadSceneTest, GeneratedScenesGoByName) {
+  const absl::StatusOr<Scene> scene = LoadScene("plaza:20000");
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ(scene->TriangleCount(), 20000u);
+  EXPECT_EQ(LoadScene("plaza:many").status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(LoadScene("plazza").status().message(), AllOf(HasSubstr("plazza"), HasSubstr("plaza,")));
+}
+
 TEST_F(LoadSceneTest, SterngartenComesFromTheCacheFolder) {
   ASSERT_EQ(setenv("XDG_CACHE_HOME", folder_.c_str(), 1), 0);
   const absl::Status missing = LoadScene("sterngarten").status();
