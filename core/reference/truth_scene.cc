@@ -364,6 +364,26 @@ absl::StatusOr<TruthScene> TruthScene::Create(const Scene& scene) {
 size_t TruthScene::TriangleCount() const { return impl_->triangles.size(); }
 const Bounds& TruthScene::ws_bounds() const { return impl_->ws_bounds; }
 
+std::optional<TruthScene::Hit> TruthScene::FirstHit(const glm::dvec3& ws_origin,
+                                                    const glm::dvec3& ws_direction) const {
+  double t0 = 0.0;
+  double t1 = std::numeric_limits<double>::infinity();
+  if (!ClipToBox(impl_->ws_box, ws_origin, ws_direction, &t0, &t1)) return std::nullopt;
+  RTCRayHit ray;
+  ray.ray = MakeRay(ws_origin, ws_direction, t0, t1, 0);
+  ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  Query query = MakeQuery(Question::kVisible);
+  rtcIntersect1(impl_->scene, &query.embree, &ray);
+  if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  Hit hit;
+  hit.primitive = impl_->Primitive(ray.hit.geomID, ray.hit.primID);
+  hit.distance = impl_->PlaneHit(hit.primitive, ws_origin, ws_direction, t0 + double(ray.ray.tfar));
+  hit.ws_point = ws_origin + hit.distance * ws_direction;
+  const glm::dvec3 normal = impl_->Normal(hit.primitive);
+  hit.ws_normal = glm::dot(normal, ws_direction) < 0.0 ? normal : -normal;
+  return hit;
+}
+
 VisibleSurface TruthScene::RenderSurface(const Camera& camera, int width, int height) const {
   VisibleSurface surface;
   surface.width = width;

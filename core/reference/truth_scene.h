@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -47,6 +48,15 @@ class TruthScene {
 
   size_t TriangleCount() const;
   const Bounds& ws_bounds() const;
+
+  struct Hit {
+    double distance = 0.0;  ///< In lengths of the direction.
+    glm::dvec3 ws_point{0.0};
+    glm::dvec3 ws_normal{0.0};  ///< Unit, turned against the ray.
+    uint32_t primitive = kNoPrimitive;
+  };
+  /// The first surface on a single ray; cutouts have holes.
+  std::optional<Hit> FirstHit(const glm::dvec3& ws_origin, const glm::dvec3& ws_direction) const;
 
   /// First hits of the rays through the pixel centres between near and far plane. width, height >= 1.
   VisibleSurface RenderSurface(const Camera& camera, int width, int height) const;
