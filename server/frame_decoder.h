@@ -1,0 +1,26 @@
+#pragma once
+
+#include <vector>
+
+#include "absl/status/status.h"
+#include "core/fit/frame_optimizer.h"
+#include "core/fit/options.h"
+#include "shadowfit/v1/frame.pb.h"
+
+namespace shadowfit {
+
+/// Turns wire frames into core's requests. Keeps memory between calls: use one a stream.
+class FrameDecoder {
+ public:
+  /// `request` borrows pictures from `frame` and from this decoder, until either changes. Checks what only
+  /// the wire can get wrong: presence, sizes, byte counts, enumerations; what numbers mean is core's to
+  /// check. InvalidArgument begins with the field's path within the frame.
+  absl::Status Decode(const v1::Frame& frame, FrameRequest* request, Options* options);
+
+ private:
+  absl::Status DecodeDepth(const v1::DepthBuffer& depth, DepthView* view);
+
+  std::vector<float> converted_depth_;  // Of encodings other than float32.
+};
+
+}  // namespace shadowfit

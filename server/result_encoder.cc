@@ -1,0 +1,60 @@
+#include "server/result_encoder.h"
+
+namespace shadowfit {
+namespace {
+
+v1::FitOutcome EncodeOutcome(FitOutcome outcome) {
+  switch (outcome) {
+    case FitOutcome::kFitted:
+      return v1::FIT_OUTCOME_FITTED;
+    case FitOutcome::kKeptPrevious:
+      return v1::FIT_OUTCOME_KEPT_PREVIOUS;
+    case FitOutcome::kFallback:
+      return v1::FIT_OUTCOME_FALLBACK;
+  }
+  return v1::FIT_OUTCOME_UNSPECIFIED;
+}
+
+v1::SampleSource EncodeSource(SampleSource source) {
+  switch (source) {
+    case SampleSource::kShadowBoundary:
+      return v1::SAMPLE_SOURCE_SHADOW_BOUNDARY;
+    case SampleSource::kAllVisible:
+      return v1::SAMPLE_SOURCE_ALL_VISIBLE;
+    case SampleSource::kNone:
+      return v1::SAMPLE_SOURCE_NONE;
+  }
+  return v1::SAMPLE_SOURCE_UNSPECIFIED;
+}
+
+}  // namespace
+
+void EncodeResult(uint64_t frame_id, const FrameRequest& request, const FrameSummary& summary,
+                  double queue_seconds, v1::FrameResult* result) {
+  result->Clear();
+  result->set_frame_id(frame_id);
+  for (size_t i = 0; i < summary.lights.size(); ++i) {
+    const LightSummary& from = summary.lights[i];
+    v1::LightResult& to = *result->add_lights();
+    to.set_id(from.id);
+    auto& m = *to.mutable_world_to_shadow_clip()->mutable_m();
+    m.Reserve(16);
+    for (int k = 0; k < 16; ++k) m.AddAlreadyReserved(from.clip_from_world[k / 4][k % 4]);
+    to.mutable_shadow_map()->set_width(static_cast<uint32_t>(request.lights[i].map_size.width));
+    to.mutable_shadow_map()->set_height(static_cast<uint32_t>(request.lights[i].map_size.height));
+    to.set_predicted_misclassified_pixels(from.predicted_misclassified_pixels);
+    to.set_outcome(EncodeOutcome(from.outcome));
+    to.set_sample_source(EncodeSource(from.sample_source));
+    to.set_note(from.note);
+    to.set_boundary_samples(static_cast<uint32_t>(from.boundary_samples));
+    to.set_hull_samples(static_cast<uint32_t>(from.hull_samples));
+    to.set_evaluations(static_cast<uint32_t>(from.evaluations));
+    to.set_optimize_seconds(from.seconds);
+  }
+  v1::FrameTimings& timings = *result->mutable_timings();
+  timings.set_queue_seconds(queue_seconds);
+  timings.set_sampling_seconds(summary.sampling_seconds);
+  timings.set_total_seconds(summary.total_seconds);
+}
+
+}  // namespace shadowfit
