@@ -104,6 +104,7 @@ absl::StatusOr<LightFit> FitLispsm(const LightProblem& problem) {
 
   // 4. Extents of the body along and across. Hull rays only absorb rounding.
   std::vector<glm::dvec2> image;
+  image.reserve(vertices.size() + problem.samples->hull_rays.size());
   for (const glm::dvec3& vertex : vertices) image.push_back(plane.Project(ray_space.RayFromPoint(vertex)));
   for (const glm::dvec3& ray : problem.samples->hull_rays) {
     if (glm::dot(plane.w, ray) > 0.0) image.push_back(plane.Project(ray));
