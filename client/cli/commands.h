@@ -15,6 +15,8 @@ namespace shadowfit {
 // throwing CLI::ValidationError (a wrong argument).
 
 // Declare the commands here, in alphabetical order, and call them in main.cc.
+void AddInfoCommand(CLI::App& app);
+void AddOptimizeCommand(CLI::App& app);
 
 /// Whether the global flag --json was given, before or behind the command's name.
 bool JsonRequested(const CLI::App& command);

@@ -19,6 +19,8 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
 
   // One line a command, in alphabetical order.
+  shadowfit::AddInfoCommand(app);
+  shadowfit::AddOptimizeCommand(app);
 
   try {
     app.parse(argc, argv);

@@ -16,6 +16,9 @@ absl::StatusOr<std::unique_ptr<ServiceConnection>> ServiceConnection::Open(const
   }
   ServerOptions options;
   options.lame_duck_seconds = 0.0;  // Its only client goes first.
+  // Limits protect a shared service from its clients; here they are one.
+  options.max_message_bytes = size_t{1} << 30;
+  options.max_admitted_bytes = size_t{4} << 30;
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
   if (!server.ok()) return server.status();
   connection->server_ = *std::move(server);

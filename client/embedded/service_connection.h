@@ -13,8 +13,8 @@ class Server;
 /// The service that a command uses: one elsewhere, or its own.
 class ServiceConnection {
  public:
-  /// Connects to `address` ("HOST:PORT" or "unix:PATH"); where it is empty, starts a service in this process. It is the
-  /// same code that shadowfit-server runs, reached by a channel that leaves out the network.
+  /// Connects to `address` ("HOST:PORT" or "unix:PATH"); where it is empty, starts a service in this process.
+  /// It is the same code that shadowfit-server runs, reached by a channel that leaves out the network.
   static absl::StatusOr<std::unique_ptr<ServiceConnection>> Open(const std::string& address);
   ~ServiceConnection();
 
