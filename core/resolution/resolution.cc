@@ -4,7 +4,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <chrono>
 #include <cmath>
@@ -17,9 +16,9 @@
 namespace shadowfit {
 namespace {
 
-using resolution::DepthExtremes;
 using resolution::LightMap;
 using resolution::Tile;
+using resolution::TileDepths;
 using resolution::TileExtent;
 using resolution::TileMap;
 
@@ -33,7 +32,7 @@ constexpr double kFloatError = 0x1p-24;
 constexpr double kRoundings = 12.0;
 // In float, pixels beyond the edge of the light's volume by less than this (in clip coordinates) are let in:
 // what float sees is a superset of the truth, so its minimum is a lower bound.
-constexpr double kVolumeMargin = 1e-4;
+constexpr double kVolumeMargin = 1e-5;
 // Exact bounds this near to the edge of the volume are at the edge.
 constexpr double kEdgeSnap = 1e-12;
 
@@ -72,6 +71,9 @@ struct PlacedMap {
   enum class Where { kOutside, kInFloat, kInDouble } where = Where::kOutside;
   TileMap map;
   glm::dvec2 origin{0.0};  // Picture coordinates of the tile's reference point.
+  // Picture coordinates of the tile's part of the frustum, where all of it lies before the light.
+  glm::dvec2 hull_low{kInfinity};
+  glm::dvec2 hull_high{-kInfinity};
   // For the error of the float kernel: least w, and the sums of the sizes of each row's terms.
   double least_w = 0.0;
   double x_size = 0.0, y_size = 0.0, w_size = 0.0;
@@ -92,23 +94,21 @@ double SizeOfTerms(const double* row, const glm::dvec3& reach) {
 
 class TilePlacer {
  public:
-  TilePlacer(const Tile& tile, DepthExtremes extremes)
+  /// `least` and `most` bound the local depths of the tile's samples and of their neighbours.
+  TilePlacer(const Tile& tile, double least, double most)
       : reference_(-1.0 + (2.0 * tile.x0 + tile.width) / tile.depth.width,
                    -1.0 + (2.0 * tile.y0 + tile.height) / tile.depth.height, tile.reference_depth, 1.0),
         step_(2.0 / tile.depth.width, 2.0 / tile.depth.height),
-        half_(0.5 * tile.width, 0.5 * tile.height) {
-    // Corners average pixels that may lie in the next tile, or beyond the border, where extrapolation adds up
-    // to one and a half times the range. `extremes` covers the former.
-    double low = extremes.least;
-    double high = extremes.most;
+        half_(0.5 * tile.width, 0.5 * tile.height),
+        low_depth_(least),
+        high_depth_(most) {
+    // At the picture's border, corners average extrapolated depths: beyond the extremes by up to one and a
+    // half times the range.
     if (tile.x0 == 0 || tile.y0 == 0 || tile.x0 + tile.width == tile.depth.width ||
         tile.y0 + tile.height == tile.depth.height) {
-      const double beyond = 1.5 * (high - low);
-      low = std::max(0.0, low - beyond);
-      high = std::min(1.0, high + beyond);
+      low_depth_ = std::max(0.0 - tile.reference_depth, least - 1.5 * (most - least));
+      high_depth_ = std::min(1.0 - tile.reference_depth, most + 1.5 * (most - least));
     }
-    low_depth_ = low - tile.reference_depth;
-    high_depth_ = high - tile.reference_depth;
   }
 
   PlacedMap Place(const PlannedMap& planned, bool in_double) const {
@@ -144,6 +144,8 @@ class TilePlacer {
                          glm::dot(planned.cone_axis, p) > 0.0;
       }
       if (p.z > 0.0) {
+        placed.hull_low = glm::min(placed.hull_low, glm::dvec2(p) / p.z);
+        placed.hull_high = glm::max(placed.hull_high, glm::dvec2(p) / p.z);
         placed.least_along = std::min(placed.least_along, at(local.along) / p.z);
         placed.most_along = std::max(placed.most_along, at(local.along) / p.z);
       }
@@ -175,10 +177,17 @@ class TilePlacer {
     placed.x_size = SizeOfTerms(local.x, reach);
     placed.y_size = SizeOfTerms(local.y, reach);
     placed.w_size = SizeOfTerms(local.w, reach);
-    const double widest = 1.0 + std::max(std::abs(placed.origin.x), std::abs(placed.origin.y));
-    const bool float_serves =
-        least_w > 0.0 && (!planned.map.bounded || (placed.FloatError(0, widest) < 0.25 * kVolumeMargin &&
-                                                   placed.FloatError(1, widest) < 0.25 * kVolumeMargin));
+    // How large a local coordinate inside the volume can be. (With some of the tile behind the light, float
+    // is out of the question, and so the hull is whole where it is looked at.)
+    glm::dvec2 widest;
+    bool float_serves = least_w > 0.0;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double origin = placed.origin[axis];
+      widest[axis] = std::max(origin - placed.hull_low[axis], placed.hull_high[axis] - origin);
+      if (!planned.map.bounded) continue;
+      widest[axis] = std::min(widest[axis], 1.0 + std::abs(origin));
+      float_serves = float_serves && placed.FloatError(axis, widest[axis]) < 0.25 * kVolumeMargin;
+    }
     in_double = in_double || !float_serves;
     placed.where = in_double ? PlacedMap::Where::kInDouble : PlacedMap::Where::kInFloat;
 
@@ -194,14 +203,19 @@ class TilePlacer {
       const glm::dvec3 axis = glm::transpose(shift) * planned.cone_axis;
       const double terms[6] = {form[0][0],       2.0 * form[0][1], form[1][1],
                                2.0 * form[0][2], 2.0 * form[1][2], form[2][2]};
-      double sum = 0.0;
+      const double x = widest.x;
+      const double y = widest.y;
+      const double sizes[6] = {x * x, x * y, y * y, x, y, 1.0};
+      double rounding = 0.0;
       for (int i = 0; i < 6; ++i) {
         local.cone[i] = terms[i];
-        sum += std::abs(terms[i]);
+        rounding += kRoundings * kFloatError * std::abs(terms[i]) * sizes[i];
       }
-      // A coordinate of size up to `widest` that is wrong by the margin changes the form by no more than
-      // this.
-      local.cone[5] += 4.0 * margin * sum * widest * widest;
+      // Coordinates that are wrong by the margin, and the rounding of the form's own terms, change it by no
+      // more.
+      const double slope = 2.0 * std::abs(terms[0]) * x + std::abs(terms[1]) * (x + y) +
+                           2.0 * std::abs(terms[2]) * y + std::abs(terms[3]) + std::abs(terms[4]);
+      if (!in_double) local.cone[5] += 1.5 * margin * slope + rounding;
       for (int i = 0; i < 3; ++i) local.cone_axis[i] = axis[i];
     }
     return placed;
@@ -218,8 +232,8 @@ class TilePlacer {
   glm::dvec4 reference_;
   glm::dvec2 step_;
   glm::dvec2 half_;
-  double low_depth_ = 0.0;
-  double high_depth_ = 0.0;
+  double low_depth_;
+  double high_depth_;
 };
 
 /// Turns what the kernel found into bounds that hold for certain.
@@ -234,11 +248,21 @@ void SetBound(const PlannedMap& planned, const PlacedMap& placed, const TileExte
   bound->most_along = in_double ? extent.most_along : placed.most_along;
   for (int axis = 0; axis < 2; ++axis) {
     double error = 0.0;
-    if (!in_double) {
+    if (in_double) {
+      bound->low[axis] = placed.origin[axis] + extent.min[axis];
+      bound->high[axis] = placed.origin[axis] + extent.max[axis];
+    } else if (placed.map.in_square || placed.map.in_cone) {
       error = placed.FloatError(axis, std::max(std::abs(extent.min[axis]), std::abs(extent.max[axis])));
+      bound->low[axis] = placed.origin[axis] + extent.min[axis] - error;
+      bound->high[axis] = placed.origin[axis] + extent.max[axis] + error;
+    } else {
+      const double low = placed.hull_low[axis];
+      const double high = placed.hull_high[axis];
+      error = placed.FloatError(axis, std::max(placed.origin[axis] - low, high - placed.origin[axis]));
+      const double rounding = 1e-12 * std::max(std::abs(low), std::abs(high));
+      bound->low[axis] = low - rounding;
+      bound->high[axis] = high + rounding;
     }
-    bound->low[axis] = placed.origin[axis] + extent.min[axis] - error;
-    bound->high[axis] = placed.origin[axis] + extent.max[axis] + error;
     bound->smallest[axis] =
         std::max(0.0, extent.smallest[axis] * (1.0 - 2.0 * kFloatError * (error > 0.0)) - 2.0 * error);
     if (!(bound->smallest[axis] >= 0.0)) bound->smallest[axis] = 0.0;
@@ -247,6 +271,13 @@ void SetBound(const PlannedMap& planned, const PlacedMap& placed, const TileExte
       if (bound->high[axis] > 1.0 - kEdgeSnap) bound->high[axis] = 1.0;
     }
   }
+}
+
+/// For the few tiles that float cannot serve at all.
+void ReduceInDouble(const Tile& tile, const TileMap& map, TileExtent* extent) {
+  TileDepths<double> depths;
+  resolution::PrepareTile(tile, &depths);
+  resolution::ReduceTile(tile, depths, map, extent);
 }
 
 absl::Status CheckOptions(const ResolutionOptions& options) {
@@ -387,7 +418,7 @@ struct ResolutionEstimator::Workspace {
   }
 
   absl::Status Plan(const ResolutionRequest& request);
-  bool MakeTile(int index, Tile* tile, DepthExtremes* extremes) const;
+  Tile MakeTile(int index) const;
   void ReduceTile(int index);
   void ReduceAll(const Cancellation& cancellation);
   void Settle(const Cancellation& cancellation);
@@ -462,78 +493,65 @@ absl::Status ResolutionEstimator::Workspace::Plan(const ResolutionRequest& reque
   return absl::OkStatus();
 }
 
-/// False where the tile holds no sample.
-bool ResolutionEstimator::Workspace::MakeTile(int index, Tile* tile, DepthExtremes* extremes) const {
-  tile->depth = depth;
-  tile->x0 = index % tiles_x * resolution::kTileWidth;
-  tile->y0 = index / tiles_x * resolution::kTileHeight;
-  tile->width = std::min(resolution::kTileWidth, depth.width - tile->x0);
-  tile->height = std::min(resolution::kTileHeight, depth.height - tile->y0);
-  SetSampleRange(convention, tile);
-  *extremes = resolution::FindDepthExtremes(*tile);
-  if (!(extremes->least <= extremes->most)) return false;
-  tile->reference_depth = 0.5F * (extremes->least + extremes->most);
-  return true;
+Tile ResolutionEstimator::Workspace::MakeTile(int index) const {
+  Tile tile;
+  tile.depth = depth;
+  tile.x0 = index % tiles_x * resolution::kTileWidth;
+  tile.y0 = index / tiles_x * resolution::kTileHeight;
+  tile.width = std::min(resolution::kTileWidth, depth.width - tile.x0);
+  tile.height = std::min(resolution::kTileHeight, depth.height - tile.y0);
+  SetSampleRange(convention, &tile);
+  // The depth of any sample serves as reference; the further from the others, the more tiles need double
+  // precision.
+  tile.reference_depth = static_cast<float>(BackgroundWindowDepth(convention));
+  constexpr int kProbes = 4;
+  for (int probe = 0; probe < kProbes * kProbes; ++probe) {
+    // From the middle outwards, roughly.
+    const int i = (probe % kProbes * 2 + 5) % 8;
+    const int j = (probe / kProbes * 2 + 5) % 8;
+    const float z = depth.At(tile.x0 + tile.width * i / 8, tile.y0 + tile.height * j / 8);
+    if (!(z >= tile.lowest && z <= tile.highest)) continue;
+    tile.reference_depth = z;
+    break;
+  }
+  return tile;
 }
 
 void ResolutionEstimator::Workspace::ReduceTile(int index) {
-  // As many maps at a time as fit the stack; more than one batch is a rare case.
-  constexpr int kBatch = 24;
-  std::array<TileMap, kBatch> float_maps;
-  std::array<TileMap, kBatch> double_maps;
-  std::array<int, kBatch> float_indices;
-  std::array<int, kBatch> double_indices;
-  std::array<PlacedMap, kBatch> float_placed;
-  std::array<PlacedMap, kBatch> double_placed;
-  std::array<TileExtent, kBatch> extents;
-
-  Tile tile;
-  DepthExtremes extremes;
-  if (!MakeTile(index, &tile, &extremes)) {
-    for (size_t map = 0; map < maps.size(); ++map) BoundOf(static_cast<int>(map), index) = {.settled = true};
+  const Tile tile = MakeTile(index);
+  const int map_count = static_cast<int>(maps.size());
+  TileDepths<float> depths;
+  resolution::PrepareTile(tile, &depths);
+  if (depths.least > depths.most) {
+    for (int map = 0; map < map_count; ++map) BoundOf(map, index) = {.settled = true};
     return;
   }
-  std::vector<uint32_t>* counts = nullptr;
+  uint32_t* counts = nullptr;
   if (histogram) {
-    counts = &histograms.local();
-    counts->resize(maps.size() * 2 * resolution::kHistogramBins);
+    std::vector<uint32_t>& own = histograms.local();
+    own.resize(maps.size() * 2 * resolution::kHistogramBins);
+    counts = own.data();
   }
-  const TilePlacer placer(tile, extremes);
-  const int map_count = static_cast<int>(maps.size());
-  for (int first = 0; first < map_count; first += kBatch) {
-    int in_float = 0;
-    int in_double = 0;
-    for (int map = first; map < std::min(first + kBatch, map_count); ++map) {
-      PlacedMap placed = placer.Place(maps[static_cast<size_t>(map)], false);
-      if (placed.where == PlacedMap::Where::kOutside) {
-        BoundOf(map, index) = {.settled = true};
-        continue;
-      }
-      if (counts != nullptr) {
-        placed.map.histogram_x = counts->data() + static_cast<size_t>(map) * 2 * resolution::kHistogramBins;
-        placed.map.histogram_y = placed.map.histogram_x + resolution::kHistogramBins;
-      }
-      const bool is_double = placed.where == PlacedMap::Where::kInDouble;
-      int& count = is_double ? in_double : in_float;
-      const auto slot = static_cast<size_t>(count++);
-      (is_double ? double_maps : float_maps)[slot] = placed.map;
-      (is_double ? double_indices : float_indices)[slot] = map;
-      (is_double ? double_placed : float_placed)[slot] = placed;
+  const TilePlacer placer(tile, depths.least, depths.most);
+  TileExtent extent;
+  for (int map = 0; map < map_count; ++map) {
+    const PlannedMap& planned = maps[static_cast<size_t>(map)];
+    PlacedMap placed = placer.Place(planned, false);
+    if (placed.where == PlacedMap::Where::kOutside) {
+      BoundOf(map, index) = {.settled = true};
+      continue;
     }
-    if (in_float > 0) {
-      resolution::ReduceTileInFloat(tile, float_maps.data(), in_float, extents.data());
-      for (size_t i = 0; i < static_cast<size_t>(in_float); ++i) {
-        SetBound(maps[static_cast<size_t>(float_indices[i])], float_placed[i], extents[i], false,
-                 &BoundOf(float_indices[i], index));
-      }
+    if (counts != nullptr) {
+      placed.map.histogram_x = counts + static_cast<size_t>(map) * 2 * resolution::kHistogramBins;
+      placed.map.histogram_y = placed.map.histogram_x + resolution::kHistogramBins;
     }
-    if (in_double > 0) {
-      resolution::ReduceTileInDouble(tile, double_maps.data(), in_double, extents.data());
-      for (size_t i = 0; i < static_cast<size_t>(in_double); ++i) {
-        SetBound(maps[static_cast<size_t>(double_indices[i])], double_placed[i], extents[i], true,
-                 &BoundOf(double_indices[i], index));
-      }
+    const bool in_double = placed.where == PlacedMap::Where::kInDouble;
+    if (in_double) {
+      ReduceInDouble(tile, placed.map, &extent);
+    } else {
+      resolution::ReduceTile(tile, depths, placed.map, &extent);
     }
+    SetBound(planned, placed, extent, in_double, &BoundOf(map, index));
   }
 }
 
@@ -562,12 +580,12 @@ void ResolutionEstimator::Workspace::Settle(const Cancellation& cancellation) {
     if (cancellation.Requested()) return;
     const auto [map, index] = to_settle[i];
     const PlannedMap& planned = maps[static_cast<size_t>(map)];
-    Tile tile;
-    DepthExtremes extremes;
-    MakeTile(index, &tile, &extremes);
-    const PlacedMap placed = TilePlacer(tile, extremes).Place(planned, true);
+    const Tile tile = MakeTile(index);
+    TileDepths<double> depths;
+    resolution::PrepareTile(tile, &depths);
+    const PlacedMap placed = TilePlacer(tile, depths.least, depths.most).Place(planned, true);
     TileExtent extent;
-    resolution::ReduceTileInDouble(tile, &placed.map, 1, &extent);
+    resolution::ReduceTile(tile, depths, placed.map, &extent);
     SetBound(planned, placed, extent, true, &BoundOf(map, index));
   });
 }
@@ -584,41 +602,43 @@ void ResolutionEstimator::Workspace::MeetExtent(int map, bool settled_only, glm:
   }
 }
 
-/// Settles tiles until no other can widen the extent: first the outermost on each side, then all that still
-/// reach beyond what is certain.
+/// Settles tiles until no other can widen the extent, the outermost on each side first: where a bound is
+/// loose, the tiles behind it often turn out to need no settling.
 void ResolutionEstimator::Workspace::SettleExtent(int map, const Cancellation& cancellation) {
-  glm::dvec2 low;
-  glm::dvec2 high;
-  MeetExtent(map, false, &low, &high);
-  to_settle.clear();
-  for (int axis = 0; axis < 2; ++axis) {
-    bool found_low = false;
-    bool found_high = false;
+  while (!cancellation.Requested()) {
+    glm::dvec2 low;
+    glm::dvec2 high;
+    MeetExtent(map, true, &low, &high);
+    constexpr int kSides = 4;
+    constexpr int kPerSide = 2;
+    struct Reach {
+      double beyond = 0.0;  // How far a tile may reach beyond what is certain.
+      int tile = -1;
+    };
+    Reach outermost[kSides][kPerSide];
     for (int tile = 0; tile < tile_count(); ++tile) {
       const TileBound& bound = BoundOf(map, tile);
-      if (bound.empty) continue;
-      const bool is_low = !found_low && bound.low[axis] <= low[axis];
-      const bool is_high = !found_high && bound.high[axis] >= high[axis];
-      found_low = found_low || is_low;
-      found_high = found_high || is_high;
-      if (bound.settled || !(is_low || is_high)) continue;
-      const bool listed = std::any_of(to_settle.begin(), to_settle.end(),
-                                      [tile](const Item& item) { return item.tile == tile; });
-      if (!listed) to_settle.push_back({map, tile});
+      if (bound.empty || bound.settled) continue;
+      const double beyond[kSides] = {low.x - bound.low.x, low.y - bound.low.y, bound.high.x - high.x,
+                                     bound.high.y - high.y};
+      for (int side = 0; side < kSides; ++side) {
+        Reach reach{beyond[side], tile};
+        for (Reach& best : outermost[side]) {
+          if (reach.beyond > best.beyond) std::swap(reach, best);
+        }
+      }
     }
-  }
-  Settle(cancellation);
-
-  MeetExtent(map, true, &low, &high);
-  to_settle.clear();
-  for (int tile = 0; tile < tile_count(); ++tile) {
-    const TileBound& bound = BoundOf(map, tile);
-    if (bound.empty || bound.settled) continue;
-    if (bound.low.x < low.x || bound.low.y < low.y || bound.high.x > high.x || bound.high.y > high.y) {
-      to_settle.push_back({map, tile});
+    to_settle.clear();
+    for (const auto& side : outermost) {
+      for (const Reach& reach : side) {
+        const bool listed = std::any_of(to_settle.begin(), to_settle.end(),
+                                        [&](const Item& item) { return item.tile == reach.tile; });
+        if (reach.tile >= 0 && !listed) to_settle.push_back({map, reach.tile});
+      }
     }
+    if (to_settle.empty()) return;
+    Settle(cancellation);
   }
-  Settle(cancellation);
 }
 
 /// Settles tiles until no other can change the number of texels: first the one that seems to hold the

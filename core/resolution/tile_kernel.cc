@@ -17,8 +17,7 @@ namespace shadowfit::resolution {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// The padded tile holds one more pixel on every side, and room for whole vectors beyond the last.
-constexpr int kStride = kTileWidth + 64;
+constexpr int kStride = kTileStride;
 
 template <class D>
 HWY_INLINE hn::Vec<D> LoadDepth(D d, const float* from) {
@@ -30,32 +29,24 @@ HWY_INLINE hn::Vec<D> LoadDepth(D d, const float* from) {
   }
 }
 
-// One tile in local coordinates and in the arithmetic of D.
+// The local depth of a tile, in the arithmetic of D.
 template <class D>
-class TileReducer {
+class TilePreparer {
   using T = hn::TFromD<D>;
   using V = hn::Vec<D>;
-  static constexpr bool kExact = sizeof(T) == sizeof(double);
-  static constexpr T kInfinity = std::numeric_limits<T>::infinity();
   static constexpr T kNotASample = std::numeric_limits<T>::quiet_NaN();
 
  public:
-  explicit TileReducer(const Tile& tile) : tile_(tile), lanes_(static_cast<int>(hn::Lanes(d_))) {
+  TilePreparer(const Tile& tile, TileDepths<T>* depths)
+      : tile_(tile), lanes_(static_cast<int>(hn::Lanes(d_))), depths_(*depths) {
     LoadPixels();
     MakeCorners();
-  }
-
-  void Reduce(const TileMap& map, TileExtent* extent) {
-    if (map.in_cone && map.in_square) return Reduce<true, true>(map, extent);
-    if (map.in_cone) return Reduce<true, false>(map, extent);
-    if (map.in_square) return Reduce<false, true>(map, extent);
-    Reduce<false, false>(map, extent);
   }
 
  private:
   // Local depth of the tile's pixels and of one more on each side; NaN where there is no sample. Pixel (i, j)
   // of the tile is at row j + 1, column i + 1.
-  T* PixelRow(int j) { return pixels_ + (j + 1) * kStride; }
+  T* PixelRow(int j) { return depths_.pixels + (j + 1) * kStride; }
 
   void LoadPixels() {
     const DepthView& depth = tile_.depth;
@@ -64,6 +55,12 @@ class TileReducer {
     const V lowest = hn::Set(d_, T{tile_.lowest});
     const V highest = hn::Set(d_, T{tile_.highest});
     const V nan = hn::Set(d_, kNotASample);
+    const V above = hn::Set(d_, T{2});
+    const V below = hn::Set(d_, T{-2});
+    V least = above;
+    V most = below;
+    T least_single = 2;
+    T most_single = -2;
     const int first = tile_.x0 > 0 ? -1 : 0;
     const int last = tile_.x0 + tile_.width < depth.width ? tile_.width : tile_.width - 1;
     const int bottom = tile_.y0 > 0 ? -1 : 0;
@@ -78,17 +75,25 @@ class TileReducer {
       for (; i + lanes_ <= last + 1; i += lanes_) {
         const V z = LoadDepth(d_, from + i);
         const auto sample = hn::And(hn::Ge(z, lowest), hn::Le(z, highest));
-        hn::StoreU(hn::IfThenElse(sample, hn::Sub(z, reference_v), nan), d_, row + i);
+        const V local = hn::Sub(z, reference_v);
+        least = hn::Min(least, hn::IfThenElse(sample, local, above));
+        most = hn::Max(most, hn::IfThenElse(sample, local, below));
+        hn::StoreU(hn::IfThenElse(sample, local, nan), d_, row + i);
       }
       for (; i <= last; ++i) {
         const bool sample = from[i] >= tile_.lowest && from[i] <= tile_.highest;
         row[i] = sample ? static_cast<T>(from[i]) - reference : kNotASample;
+        if (!sample) continue;
+        least_single = std::min(least_single, row[i]);
+        most_single = std::max(most_single, row[i]);
       }
       if (first == 0) row[-1] = depth.width > 1 ? Extrapolate(row[0], row[1]) : kNotASample;
       if (last < tile_.width) {
         row[tile_.width] = depth.width > 1 ? Extrapolate(row[last], row[last - 1]) : kNotASample;
       }
     }
+    depths_.least = std::min(least_single, hn::GetLane(hn::MinOfLanes(d_, least)));
+    depths_.most = std::max(most_single, hn::GetLane(hn::MaxOfLanes(d_, most)));
     if (bottom == 0) ExtrapolateRow(-1, 0, 1);
     if (top < tile_.height) ExtrapolateRow(tile_.height, top, top - 1);
   }
@@ -107,8 +112,7 @@ class TileReducer {
     }
   }
 
-  // Corner (i, j) is the lower left one of pixel (i, j).
-  T* CornerRow(int j) { return corners_ + j * kStride; }
+  T* CornerRow(int j) { return depths_.corners + j * kStride; }
 
   void MakeCorners() {
     const V quarter = hn::Set(d_, T{0.25});
@@ -136,11 +140,39 @@ class TileReducer {
   HWY_INLINE V SampleOrZero(V z) const { return hn::IfThenElseZero(hn::Eq(z, z), z); }
   HWY_INLINE V OneIfSample(V z) const { return hn::IfThenElseZero(hn::Eq(z, z), hn::Set(d_, T{1})); }
 
+  const D d_;
+  const Tile& tile_;
+  const int lanes_;
+  TileDepths<T>& depths_;
+};
+
+// One tile in local coordinates, reduced in the arithmetic of D.
+template <class D>
+class TileReducer {
+  using T = hn::TFromD<D>;
+  using V = hn::Vec<D>;
+  static constexpr bool kExact = sizeof(T) == sizeof(double);
+  static constexpr T kInfinity = std::numeric_limits<T>::infinity();
+
+ public:
+  TileReducer(const Tile& tile, const TileDepths<T>& depths)
+      : tile_(tile), depths_(depths), lanes_(static_cast<int>(hn::Lanes(d_))) {}
+
+  void Reduce(const TileMap& map, TileExtent* extent) {
+    if (map.in_cone && map.in_square) return Reduce<true, true>(map, extent);
+    if (map.in_cone) return Reduce<true, false>(map, extent);
+    if (map.in_square) return Reduce<false, true>(map, extent);
+    Reduce<false, false>(map, extent);
+  }
+
+ private:
   HWY_INLINE V Set(double value) const { return hn::Set(d_, static_cast<T>(value)); }
   // The part of a row (c0, c1, c2, c3) that a row of pixels shares.
   HWY_INLINE V Shared(const double* row, double ly) const { return Set(row[1] * ly + row[3]); }
 
-  template <bool kCone, bool kSquare>
+  // In float, a tile that lies wholly inside the light's volume needs its boxes alone: the caller knows where
+  // it lies.
+  template <bool kCone, bool kSquare, bool kBoxesOnly = !kExact && !kCone && !kSquare>
   void Reduce(const TileMap& map, TileExtent* extent) {
     const V xl = Set(map.x[0]), xz = Set(map.x[2]);
     const V yl = Set(map.y[0]), yz = Set(map.y[2]);
@@ -173,7 +205,7 @@ class TileReducer {
         const V x_row = Shared(map.x, j - centre_y);
         const V y_row = Shared(map.y, j - centre_y);
         const V w_row = Shared(map.w, j - centre_y);
-        const T* z_row = CornerRow(j);
+        const T* z_row = depths_.corners + j * kStride;
         V lx = first_corner;
         for (int i = 0; i <= tile_.width; i += lanes_, lx = hn::Add(lx, step)) {
           const V z = hn::Load(d_, z_row + i);
@@ -191,11 +223,11 @@ class TileReducer {
       // 2. The row of pixels between the last two rows of corners.
       const T* below_x = corner_x_[(j & 1) ^ 1];
       const T* below_y = corner_y_[(j & 1) ^ 1];
-      const V x_row = Shared(map.x, j - 0.5 - centre_y);
-      const V y_row = Shared(map.y, j - 0.5 - centre_y);
-      const V w_row = Shared(map.w, j - 0.5 - centre_y);
+      [[maybe_unused]] const V x_row = Shared(map.x, j - 0.5 - centre_y);
+      [[maybe_unused]] const V y_row = Shared(map.y, j - 0.5 - centre_y);
+      [[maybe_unused]] const V w_row = Shared(map.w, j - 0.5 - centre_y);
       [[maybe_unused]] const V a_row = Shared(map.along, j - 0.5 - centre_y);
-      const T* z_row = PixelRow(j - 1) + 1;
+      const T* z_row = depths_.pixels + j * kStride + 1;
       V lx = first_pixel;
       for (int i = 0; i < tile_.width; i += lanes_, lx = hn::Add(lx, step)) {
         const V x00 = hn::Load(d_, below_x + i), x10 = hn::LoadU(d_, below_x + i + 1);
@@ -210,11 +242,16 @@ class TileReducer {
         const V height = hn::Sub(high_y, low_y);
 
         const V z = hn::LoadU(d_, z_row + i);
-        const V w = hn::MulAdd(wz, z, hn::MulAdd(wl, lx, w_row));
-        const V inverse = hn::Div(one, w);
-        const V x = hn::Mul(hn::MulAdd(xz, z, hn::MulAdd(xl, lx, x_row)), inverse);
-        const V y = hn::Mul(hn::MulAdd(yz, z, hn::MulAdd(yl, lx, y_row)), inverse);
-        auto takes_part = hn::And(hn::Lt(width, infinity), hn::Gt(w, zero));
+        auto takes_part = hn::And(hn::Lt(width, infinity), hn::Eq(z, z));
+        V x = zero, y = zero, along = zero;
+        if constexpr (!kBoxesOnly) {
+          const V w = hn::MulAdd(wz, z, hn::MulAdd(wl, lx, w_row));
+          const V inverse = hn::Div(one, w);
+          x = hn::Mul(hn::MulAdd(xz, z, hn::MulAdd(xl, lx, x_row)), inverse);
+          y = hn::Mul(hn::MulAdd(yz, z, hn::MulAdd(yl, lx, y_row)), inverse);
+          takes_part = hn::And(takes_part, hn::Gt(w, zero));
+          if constexpr (kExact) along = hn::Mul(hn::MulAdd(az, z, hn::MulAdd(al, lx, a_row)), inverse);
+        }
         if constexpr (kSquare) {
           takes_part = hn::And(takes_part, hn::And(hn::Ge(x, square_low_x), hn::Le(x, square_high_x)));
           takes_part = hn::And(takes_part, hn::And(hn::Ge(y, square_low_y), hn::Le(y, square_high_y)));
@@ -235,13 +272,14 @@ class TileReducer {
 
         smallest_x = hn::Min(smallest_x, hn::IfThenElse(takes_part, width, infinity));
         smallest_y = hn::Min(smallest_y, hn::IfThenElse(takes_part, height, infinity));
-        // A pixel that stands out from its neighbours may lie outside its own corners.
-        min_x = hn::IfThenElse(takes_part, hn::Min(min_x, hn::Min(low_x, x)), min_x);
-        min_y = hn::IfThenElse(takes_part, hn::Min(min_y, hn::Min(low_y, y)), min_y);
-        max_x = hn::IfThenElse(takes_part, hn::Max(max_x, hn::Max(high_x, x)), max_x);
-        max_y = hn::IfThenElse(takes_part, hn::Max(max_y, hn::Max(high_y, y)), max_y);
+        if constexpr (!kBoxesOnly) {
+          // A pixel that stands out from its neighbours may lie outside its own corners.
+          min_x = hn::IfThenElse(takes_part, hn::Min(min_x, hn::Min(low_x, x)), min_x);
+          min_y = hn::IfThenElse(takes_part, hn::Min(min_y, hn::Min(low_y, y)), min_y);
+          max_x = hn::IfThenElse(takes_part, hn::Max(max_x, hn::Max(high_x, x)), max_x);
+          max_y = hn::IfThenElse(takes_part, hn::Max(max_y, hn::Max(high_y, y)), max_y);
+        }
         if constexpr (kExact) {
-          const V along = hn::Mul(hn::MulAdd(az, z, hn::MulAdd(al, lx, a_row)), inverse);
           least_along = hn::Min(least_along, hn::IfThenElse(takes_part, along, infinity));
           most_along = hn::Max(most_along, hn::IfThenElse(takes_part, along, hn::Neg(infinity)));
         }
@@ -277,56 +315,25 @@ class TileReducer {
 
   const D d_;
   const Tile& tile_;
+  const TileDepths<T>& depths_;
   const int lanes_;
-  HWY_ALIGN T pixels_[(kTileHeight + 2) * kStride];
-  HWY_ALIGN T corners_[(kTileHeight + 1) * kStride];
   HWY_ALIGN T corner_x_[2][kStride];
   HWY_ALIGN T corner_y_[2][kStride];
 };
 
-template <class T>
-void ReduceTile(const Tile& tile, const TileMap* maps, int count, TileExtent* extents) {
-  TileReducer<hn::ScalableTag<T>> reducer(tile);
-  for (int i = 0; i < count; ++i) reducer.Reduce(maps[i], &extents[i]);
+void PrepareInFloat(const Tile& tile, TileDepths<float>* depths) {
+  TilePreparer<hn::ScalableTag<float>>(tile, depths);
 }
-void ReduceTileFloat(const Tile& tile, const TileMap* maps, int count, TileExtent* extents) {
-  ReduceTile<float>(tile, maps, count, extents);
+void PrepareInDouble(const Tile& tile, TileDepths<double>* depths) {
+  TilePreparer<hn::ScalableTag<double>>(tile, depths);
 }
-void ReduceTileDouble(const Tile& tile, const TileMap* maps, int count, TileExtent* extents) {
-  ReduceTile<double>(tile, maps, count, extents);
+void ReduceInFloat(const Tile& tile, const TileDepths<float>& depths, const TileMap& map,
+                   TileExtent* extent) {
+  TileReducer<hn::ScalableTag<float>>(tile, depths).Reduce(map, extent);
 }
-
-DepthExtremes DepthExtremesOfTile(const Tile& tile) {
-  const hn::ScalableTag<float> d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const auto lowest = hn::Set(d, tile.lowest);
-  const auto highest = hn::Set(d, tile.highest);
-  const auto above = hn::Set(d, 2.0F);
-  const auto below = hn::Set(d, -1.0F);
-  auto least = above;
-  auto most = below;
-  float least_tail = 2.0F;
-  float most_tail = -1.0F;
-  const int first_x = std::max(tile.x0 - 1, 0);
-  const int end_x = std::min(tile.x0 + tile.width + 1, tile.depth.width);
-  const int end_y = std::min(tile.y0 + tile.height + 1, tile.depth.height);
-  for (int y = std::max(tile.y0 - 1, 0); y < end_y; ++y) {
-    const float* row = tile.depth.Row(y);
-    int x = first_x;
-    for (; x + lanes <= end_x; x += lanes) {
-      const auto z = hn::LoadU(d, row + x);
-      const auto sample = hn::And(hn::Ge(z, lowest), hn::Le(z, highest));
-      least = hn::Min(least, hn::IfThenElse(sample, z, above));
-      most = hn::Max(most, hn::IfThenElse(sample, z, below));
-    }
-    for (; x < end_x; ++x) {
-      if (!(row[x] >= tile.lowest && row[x] <= tile.highest)) continue;
-      least_tail = std::min(least_tail, row[x]);
-      most_tail = std::max(most_tail, row[x]);
-    }
-  }
-  return {std::min(least_tail, hn::GetLane(hn::MinOfLanes(d, least))),
-          std::max(most_tail, hn::GetLane(hn::MaxOfLanes(d, most)))};
+void ReduceInDouble(const Tile& tile, const TileDepths<double>& depths, const TileMap& map,
+                    TileExtent* extent) {
+  TileReducer<hn::ScalableTag<double>>(tile, depths).Reduce(map, extent);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -336,16 +343,22 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace shadowfit::resolution {
 
-HWY_EXPORT(DepthExtremesOfTile);
-HWY_EXPORT(ReduceTileFloat);
-HWY_EXPORT(ReduceTileDouble);
+HWY_EXPORT(PrepareInFloat);
+HWY_EXPORT(PrepareInDouble);
+HWY_EXPORT(ReduceInFloat);
+HWY_EXPORT(ReduceInDouble);
 
-DepthExtremes FindDepthExtremes(const Tile& tile) { return HWY_DYNAMIC_DISPATCH(DepthExtremesOfTile)(tile); }
-void ReduceTileInFloat(const Tile& tile, const TileMap* maps, int count, TileExtent* extents) {
-  HWY_DYNAMIC_DISPATCH(ReduceTileFloat)(tile, maps, count, extents);
+void PrepareTile(const Tile& tile, TileDepths<float>* depths) {
+  HWY_DYNAMIC_DISPATCH(PrepareInFloat)(tile, depths);
 }
-void ReduceTileInDouble(const Tile& tile, const TileMap* maps, int count, TileExtent* extents) {
-  HWY_DYNAMIC_DISPATCH(ReduceTileDouble)(tile, maps, count, extents);
+void PrepareTile(const Tile& tile, TileDepths<double>* depths) {
+  HWY_DYNAMIC_DISPATCH(PrepareInDouble)(tile, depths);
+}
+void ReduceTile(const Tile& tile, const TileDepths<float>& depths, const TileMap& map, TileExtent* extent) {
+  HWY_DYNAMIC_DISPATCH(ReduceInFloat)(tile, depths, map, extent);
+}
+void ReduceTile(const Tile& tile, const TileDepths<double>& depths, const TileMap& map, TileExtent* extent) {
+  HWY_DYNAMIC_DISPATCH(ReduceInDouble)(tile, depths, map, extent);
 }
 
 }  // namespace shadowfit::resolution

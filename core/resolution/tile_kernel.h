@@ -7,8 +7,8 @@
 namespace shadowfit::resolution {
 
 /// A tile's pixels share one local coordinate system, small enough that float arithmetic in it is accurate.
-inline constexpr int kTileWidth = 128;
-inline constexpr int kTileHeight = 16;
+inline constexpr int kTileWidth = 256;
+inline constexpr int kTileHeight = 8;
 
 /// Bins of the histograms of pixel box sizes: 32 an octave, by the leading bits of a positive float.
 inline constexpr int kHistogramShift = 18;
@@ -21,14 +21,25 @@ struct Tile {
   int width = 0, height = 0;     ///< At most kTileWidth x kTileHeight.
   float lowest = 0.0F;           ///< A pixel is a sample where lowest <= depth <= highest.
   float highest = 1.0F;          ///< NaN compares false and so is none.
-  float reference_depth = 0.0F;  ///< Origin of local depth.
+  float reference_depth = 0.0F;  ///< Origin of local depth; best near the samples' own.
 };
 
-/// Extremes of the depths of a tile's samples and of the pixels around it, which its corners average in;
-/// least > most where there is none.
-struct DepthExtremes {
-  float least = 1.0F;
-  float most = 0.0F;
+/// Room for one more pixel on every side of a tile, and for whole vectors beyond the last.
+inline constexpr int kTileStride = kTileWidth + 64;
+
+/// A tile's depth relative to its reference depth, shared by all maps. T is float or double.
+template <typename T>
+struct TileDepths {
+  /// Row j, column i is pixel (i - 1, j - 1) of the tile; NaN where there is no sample. Beyond the picture's
+  /// border a pixel is extrapolated linearly from the two inside, which is exact on planes.
+  alignas(128) T pixels[(kTileHeight + 2) * kTileStride];
+  /// Row j, column i is the lower left corner of pixel (i, j): the mean of the samples among the four around
+  /// it.
+  alignas(128) T corners[(kTileHeight + 1) * kTileStride];
+  /// Extremes of the samples in the tile and one pixel around it, within the picture; least > most: there is
+  /// none.
+  double least;
+  double most;
 };
 
 /// One light map's projection in a tile's local coordinates: lx, ly in pixels from the tile's centre, lz =
@@ -53,7 +64,8 @@ struct TileMap {
 /// centre is inside, and all four corners have w > 0. Its box is the bounding box of the corners in picture
 /// coordinates. The infinities stand where no pixel takes part.
 struct TileExtent {
-  double min[2];  ///< Bounds of the boxes and of the centres.
+  double min[2];  ///< Bounds of the boxes and of the centres. In float, infinite
+  ///< where the map asks for neither square nor cone: the tile is inside as a whole.
   double max[2];
   double smallest[2];  ///< Least width and least height of a box.
   double least_along;  ///< Of the centres' along/w. In double precision alone.
@@ -61,12 +73,11 @@ struct TileExtent {
   int64_t pixels = 0;
 };
 
-DepthExtremes FindDepthExtremes(const Tile& tile);
+void PrepareTile(const Tile& tile, TileDepths<float>* depths);
+void PrepareTile(const Tile& tile, TileDepths<double>* depths);
 
-/// Reduces one tile for `count` maps. Corner depths are the mean of the samples among the four pixels around
-/// the corner; beyond the picture's border a pixel is extrapolated linearly from the two inside, which is
-/// exact on planes. The two versions are the same source: one in float, one in double.
-void ReduceTileInFloat(const Tile& tile, const TileMap* maps, int count, TileExtent* extents);
-void ReduceTileInDouble(const Tile& tile, const TileMap* maps, int count, TileExtent* extents);
+/// Reduces one tile for one map. The two versions are the same source.
+void ReduceTile(const Tile& tile, const TileDepths<float>& depths, const TileMap& map, TileExtent* extent);
+void ReduceTile(const Tile& tile, const TileDepths<double>& depths, const TileMap& map, TileExtent* extent);
 
 }  // namespace shadowfit::resolution
