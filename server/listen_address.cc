@@ -40,24 +40,24 @@ bool IsLocalAddress(const std::string& address) {
   return inet_pton(AF_INET6, host.c_str(), &v6) == 1 && IN6_IS_ADDR_LOOPBACK(&v6);
 }
 
-absl::Status CheckListenAddress(const std::string& address, bool allow_plaintext) {
+absl::Status CheckListenAddress(const std::string& option, const std::string& address, bool allow_plaintext) {
   if (absl::StartsWith(address, kUnixPrefix)) {
     // The limit is sockaddr_un's.
     const size_t length = address.size() - (sizeof(kUnixPrefix) - 1);
     if (length >= 1 && length <= 107) return absl::OkStatus();
     return absl::InvalidArgumentError(
-        absl::StrCat("listen: the path of ", address, " must have 1 to 107 bytes"));
+        absl::StrCat(option, ": the path of ", address, " must have 1 to 107 bytes"));
   }
   std::string host;
   std::string port;
   uint32_t number = 0;
   if (!SplitHostPort(address, &host, &port) || !absl::SimpleAtoi(port, &number) || number > 65535) {
     return absl::InvalidArgumentError(absl::StrCat(
-        "listen: '", address, "' is neither HOST:PORT with a port of 0 to 65535 nor unix:PATH"));
+        option, ": '", address, "' is neither HOST:PORT with a port of 0 to 65535 nor unix:PATH"));
   }
   if (allow_plaintext || IsLocalAddress(address)) return absl::OkStatus();
   return absl::InvalidArgumentError(
-      absl::StrCat("listen: ", address,
+      absl::StrCat(option, ": ", address,
                    " would send plaintext beyond this machine; if the network is "
                    "trusted, say so with --allow-plaintext"));
 }

@@ -61,10 +61,14 @@ std::string WithPort(const std::string& address, int port) {
 absl::Status CheckServerOptions(const ServerOptions& options) {
   absl::Status status;
   for (const std::string& address : options.listen) {
-    status.Update(CheckListenAddress(address, options.allow_plaintext));
+    status.Update(CheckListenAddress("listen", address, options.allow_plaintext));
   }
-  if (!options.metrics_listen.empty())
-    status.Update(CheckListenAddress(options.metrics_listen, options.allow_plaintext));
+  if (absl::StartsWith(options.metrics_listen, "unix:")) {
+    status.Update(
+        absl::InvalidArgumentError("metrics_listen: Unix sockets are not supported, give HOST:PORT"));
+  } else if (!options.metrics_listen.empty()) {
+    status.Update(CheckListenAddress("metrics_listen", options.metrics_listen, options.allow_plaintext));
+  }
   if (options.workers < 0) {
     status.Update(absl::InvalidArgumentError(absl::StrCat("workers: ", options.workers, " is negative")));
   }

@@ -32,7 +32,8 @@ void WorkerPool::Submit(std::function<void()> job) {
     ++unfinished_;
   }
   arena_.enqueue([this, shared_job = std::make_shared<std::function<void()>>(std::move(job))] {
-    // Isolated: a thread that waits inside one job for its parallel parts must not start another job meanwhile.
+    // Isolated: a thread that waits inside one job for its parallel parts must not start another job
+    // meanwhile.
     tbb::this_task_arena::isolate(*shared_job);
     *shared_job = nullptr;  // Before the pool may go: the job may own what needs the pool's owner.
     const std::lock_guard lock(mutex_);
