@@ -1,0 +1,166 @@
+#include "core/irregular/sample_layout.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace shadowfit::irregular {
+namespace {
+
+/// A row is as high as a packet of samples is wide where samples are evenly spread, and its cells are
+/// narrower by this factor: a run of cells then overshoots a small triangle by little.
+constexpr double kCellsPerPacket = 4.0;
+/// Bounds the table of cells, which every thread counts into, to a share of the second-level cache.
+constexpr double kMostRows = 256.0;
+
+constexpr uint32_t kBspLeaf = 64;
+
+void BuildNode(std::span<const glm::vec3> uvw, std::span<uint32_t> order, uint32_t first, uint32_t end,
+               std::vector<BspNode>* nodes) {
+  BspNode node;
+  node.u_min = node.v_min = std::numeric_limits<float>::infinity();
+  node.u_max = node.v_max = node.farthest = -node.u_min;
+  for (uint32_t i = first; i < end; ++i) {
+    const glm::vec3& p = uvw[order[i]];
+    node.u_min = std::min(node.u_min, p.x);
+    node.u_max = std::max(node.u_max, p.x);
+    node.v_min = std::min(node.v_min, p.y);
+    node.v_max = std::max(node.v_max, p.y);
+    node.farthest = std::max(node.farthest, p.z);
+  }
+  node.first_sample = first;
+  node.end_sample = end;
+  const size_t at = nodes->size();
+  nodes->push_back(node);
+  if (end - first <= kBspLeaf) return;
+  const int axis = node.u_max - node.u_min >= node.v_max - node.v_min ? 0 : 1;
+  const uint32_t middle = first + (end - first) / 2;
+  std::nth_element(order.begin() + first, order.begin() + middle, order.begin() + end,
+                   [&](uint32_t a, uint32_t b) {
+                     return uvw[a][axis] != uvw[b][axis] ? uvw[a][axis] < uvw[b][axis] : a < b;
+                   });
+  BuildNode(uvw, order, first, middle, nodes);
+  (*nodes)[at].right = static_cast<int32_t>(nodes->size());
+  BuildNode(uvw, order, middle, end, nodes);
+}
+
+}  // namespace
+
+glm::dvec3 SingleFaceAxis(std::span<const glm::vec3> rays) {
+  glm::dvec3 sum(0.0);
+  for (const glm::vec3& r : rays) {
+    const double length = glm::length(glm::dvec3(r));
+    if (length > 0.0) sum += glm::dvec3(r) / length;
+  }
+  const double length = glm::length(sum);
+  if (!(length > 1e-6 * static_cast<double>(rays.size()))) return glm::dvec3(0.0);
+  const glm::dvec3 axis = sum / length;
+  // 66 degrees; the face itself reaches to 75, which leaves room for what was not among these samples.
+  for (const glm::vec3& r : rays) {
+    if (glm::dot(axis, glm::dvec3(r)) < 0.4 * glm::length(glm::dvec3(r))) return glm::dvec3(0.0);
+  }
+  return axis;
+}
+
+void BasisAround(const glm::dvec3& axis, const glm::dvec3& second_hint, double rotation[3][3]) {
+  glm::dvec3 second = second_hint - glm::dot(second_hint, axis) * axis;
+  if (!(glm::dot(second, second) > 1e-6 * glm::dot(second_hint, second_hint))) {
+    const glm::dvec3 a = glm::abs(axis);
+    const glm::dvec3 helper = a.x <= a.y && a.x <= a.z ? glm::dvec3(1, 0, 0)
+                              : a.y <= a.z             ? glm::dvec3(0, 1, 0)
+                                                       : glm::dvec3(0, 0, 1);
+    second = helper - glm::dot(helper, axis) * axis;
+  }
+  second = glm::normalize(second);
+  const glm::dvec3 first = glm::cross(second, axis);
+  for (int i = 0; i < 3; ++i) {
+    rotation[0][i] = first[i];
+    rotation[1][i] = second[i];
+    rotation[2][i] = axis[i];
+  }
+}
+
+void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face) {
+  const double wanted_rows =
+      std::clamp(std::sqrt(static_cast<double>(expected_samples) / kPacket), 1.0, kMostRows);
+  const double row_samples = static_cast<double>(expected_samples) / wanted_rows;
+  face->columns = static_cast<int>(std::clamp(row_samples / kPacket * kCellsPerPacket, 1.0, 4.0 * kMostRows));
+
+  // 1. Bins of v, then rows of bins of about equal population.
+  float v_min = std::numeric_limits<float>::infinity(), v_max = -v_min;
+  for (const glm::vec2& p : uv) {
+    v_min = std::min(v_min, p.y);
+    v_max = std::max(v_max, p.y);
+  }
+  if (uv.empty()) v_min = v_max = 0.0f;
+  face->v_origin = v_min;
+  const float height = v_max - v_min;
+  face->v_scale = height > 0.0f ? std::min(static_cast<float>(kRowBins) / height, 1e30f) : 0.0f;
+  face->row_of_bin.assign(kRowBins, 0);
+  const auto bin_of = [face](float v) {
+    return static_cast<size_t>(std::clamp((v - face->v_origin) * face->v_scale, 0.0f, float{kRowBins - 1}));
+  };
+  for (const glm::vec2& p : uv) ++face->row_of_bin[bin_of(p.y)];
+  const double quota = std::max(static_cast<double>(uv.size()) / wanted_rows, 1.0);
+  double taken = 0.0;
+  int row = 0;
+  face->row_v_low.clear();
+  face->row_v_high.clear();
+  const auto border = [face](int bin) {
+    // Bins of samples come from rounded arithmetic: a hundredth of a bin and a few units in the last place.
+    const double v =
+        static_cast<double>(face->v_origin) +
+        (face->v_scale > 0.0f ? static_cast<double>(bin) / static_cast<double>(face->v_scale) : 0.0);
+    const double slack = (face->v_scale > 0.0f ? 0.01 / static_cast<double>(face->v_scale) : 0.0) +
+                         4.0 * static_cast<double>(kUnitRoundoff) * std::abs(v);
+    return std::pair(static_cast<float>(v - slack), static_cast<float>(v + slack));
+  };
+  face->row_v_low.push_back(-std::numeric_limits<float>::infinity());
+  for (int bin = 0; bin < kRowBins; ++bin) {
+    const auto index = static_cast<size_t>(bin);
+    const double population = face->row_of_bin[index];
+    if (taken > 0.0 && taken + 0.5 * population > quota && face->v_scale > 0.0f) {
+      face->row_v_high.push_back(border(bin).second);
+      face->row_v_low.push_back(border(bin).first);
+      ++row;
+      taken = 0.0;
+    }
+    taken += population;
+    face->row_of_bin[index] = row;
+  }
+  face->row_v_high.push_back(std::numeric_limits<float>::infinity());
+  face->rows = row + 1;
+
+  // 2. Each row's range of u, a little wider than its typical samples.
+  const auto padded_rows = static_cast<size_t>(face->rows + kPacket);
+  std::vector<float>& low = face->row_u_origin;
+  std::vector<float>& high = face->row_u_scale;
+  low.assign(padded_rows, std::numeric_limits<float>::infinity());
+  high.assign(padded_rows, -std::numeric_limits<float>::infinity());
+  float u_min = low[0], u_max = high[0];
+  for (const glm::vec2& p : uv) {
+    const auto r = static_cast<size_t>(face->row_of_bin[bin_of(p.y)]);
+    low[r] = std::min(low[r], p.x);
+    high[r] = std::max(high[r], p.x);
+    u_min = std::min(u_min, p.x);
+    u_max = std::max(u_max, p.x);
+  }
+  const float least_width = std::max((u_max - u_min) / 64.0f, 1e-30f);
+  for (size_t r = 0; r < padded_rows; ++r) {
+    if (!(low[r] <= high[r])) {
+      low[r] = u_min <= u_max ? u_min : 0.0f;
+      high[r] = u_min <= u_max ? u_max : 0.0f;
+    }
+    const float width = std::max(high[r] - low[r], least_width);
+    low[r] -= width / 32.0f;
+    high[r] = static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f));
+  }
+  face->row_v_low.resize(padded_rows, std::numeric_limits<float>::infinity());
+  face->row_v_high.resize(padded_rows, std::numeric_limits<float>::infinity());
+}
+
+void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, std::vector<BspNode>* nodes) {
+  nodes->clear();
+  if (!order.empty()) BuildNode(uvw, order, 0, static_cast<uint32_t>(order.size()), nodes);
+}
+
+}  // namespace shadowfit::irregular

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <glm/glm.hpp>
+#include <span>
+#include <vector>
+
+#include "core/irregular/mask_kernels.h"
+
+namespace shadowfit::irregular {
+
+/// An axis around which one plane of projection holds all these ray coordinates with room to spare, or a zero
+/// vector where there is none and the six sides of a cube are needed.
+glm::dvec3 SingleFaceAxis(std::span<const glm::vec3> rays);
+
+/// Rows of an orthonormal basis whose third is `axis`, a unit vector; `second_hint` says where the second
+/// should point as far as it can.
+void BasisAround(const glm::dvec3& axis, const glm::dvec3& second_hint, double rotation[3][3]);
+
+/// Plans the cells of a face for about `expected_samples` samples, of which `uv` are typical ones: rows of
+/// about equal population, each with its own range of u. Samples outside what was foreseen go to the
+/// outermost cells. Reuses the face's memory. `first_cell` and the measures of the samples are left alone.
+void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face);
+
+/// The paper's BSP: axis-aligned median splits, along the longer side, down to leaves of at most 64 samples.
+/// Reorders `order` (indices into `uvw`: u, v and w of each sample) so that leaves are contiguous.
+struct BspLeaves {
+  std::vector<BspNode> nodes;  ///< first_sample and end_sample index `order` here.
+};
+void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, std::vector<BspNode>* nodes);
+
+}  // namespace shadowfit::irregular

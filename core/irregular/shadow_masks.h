@@ -1,0 +1,144 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <memory>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "core/cancellation.h"
+#include "core/frame/camera.h"
+#include "core/frame/images.h"
+#include "core/irregular/mask_scene.h"
+#include "core/math/light.h"
+
+namespace shadowfit {
+
+/// Alias-free shadow masks: for every visible sample the answer of its shadow ray, at a cost that depends on
+/// samples and triangles and not on a map's resolution (Aila and Laine, Alias-Free Shadow Maps, EGSR 2004).
+///
+/// Samples are brought into the light's ray coordinates r (RaySpace) and sorted into cells of the light's
+/// image plane; triangles are streamed over the cells they cover. A triangle (a,b,c) blocks the sample at r
+/// where r is in the cone of a, b, c (three triple products share a sign) and behind the triangle's plane.
+/// There is no projection in the test and no map orientation, hence no seam, and no triangle needs clipping.
+///
+/// Accuracy. The outcome may differ from exact arithmetic only
+///   - where the shadow ray passes within 8 * 2^-24 radians of a triangle's edge, as seen from the light, or
+///   for a
+///     directional light within 8 * 2^-24 of the edge's coordinates relative to the samples' centre, each
+///     times (2 + longest edge squared over twice the area) at the tips of slivers;
+///   - where the sample lies within its error bound of the triangle's plane. The bound is derived, not tuned:
+///   how
+///     far the sample moves along its view ray when its depth changes by the rounding of its format and of a
+///     single-precision projection (3 * 2^-24), plus 4 * 2^-24 of the world coordinates and 16 * 2^-24 of the
+///     distance to the light. Within it a triangle is taken to be the sample's own surface and blocks
+///     nothing.
+/// A sample within the bound of two triangles, and certainly behind none, is undecided: reported lit and
+/// counted. Results are bitwise the same for any number of threads, and for every method.
+
+/// How a mask's samples and triangles find each other.
+enum class MaskMethod {
+  kGrid,        ///< "default": rows of cells of about equal population, triangles rasterised over them.
+  kBsp,         ///< "bsp": the paper's hierarchy, median splits with leaves of 64 samples. For comparison.
+  kExhaustive,  ///< "exhaustive": every triangle against every sample. For tests.
+};
+
+enum class MaskOutput {
+  /// One bit a sample. A semi-transparent caster blocks where the mean of its channels' transmittance is
+  /// below
+  /// one half, as in the reference, and is ignored elsewhere.
+  kBits,
+  /// RGB8 a sample beside the bits: the product of the transmittances of all blockers, 255 = all light
+  /// arrives.
+  /// Bits are then set behind opaque casters only.
+  kTransmittance,
+};
+
+/// What the depth values went through before they became float; decides the error bound.
+enum class DepthFormat { kFloat32, kUnorm24, kUnorm16, kFloat16 };
+
+/// One visible sample a pixel. Several samples a pixel (multisampling) are several layers with different
+/// pixel_offset; semi-transparent receivers are several layers with the same one.
+struct ReceiverLayer {
+  DepthView depth;
+  glm::dvec2 pixel_offset{0.5, 0.5};  ///< Of the sample in its pixel, from the lower left corner, in [0,1].
+  ImageView<glm::vec3>
+      ws_normals;  ///< Optional. Receivers facing away from the light are in shadow untested.
+  ImageView<glm::vec3> ws_positions;  ///< Optional, instead of depth: world positions; NaN is background.
+};
+
+struct MaskRequest {
+  const MaskScene* scene = nullptr;
+  const Camera* camera = nullptr;  ///< May be null if all layers have positions.
+  std::span<const ReceiverLayer> layers;
+  std::span<const Light> lights;
+  DepthFormat depth_format = DepthFormat::kFloat32;
+  MaskOutput output = MaskOutput::kBits;
+  MaskMethod method = MaskMethod::kGrid;
+  const Cancellation* cancellation = nullptr;
+};
+
+/// Wall-clock milliseconds of each phase.
+struct MaskTimings {
+  double plan = 0, bin = 0, place = 0, hierarchy = 0, walk = 0, resolve = 0;
+  double Total() const { return plan + bin + place + hierarchy + walk + resolve; }
+};
+
+/// One light's masks of all layers. The memory belongs to the renderer.
+struct LightMask {
+  /// Layer after layer, row 0 (the bottom) first, bytes_per_row each; bit x % 8 of byte x / 8 of a row is set
+  /// where pixel x is in shadow. Background, samples outside a spot's cone and the padding of rows are clear.
+  std::span<const uint8_t> bits;
+  size_t bytes_per_row = 0;         ///< A multiple of 2.
+  std::span<const uint8_t> rgb;     ///< Layer after layer, width * height * 3 bytes each; empty for kBits.
+  size_t samples = 0;               ///< Not background.
+  size_t facing_away_samples = 0;   ///< Decided by their normals; in shadow.
+  size_t outside_cone_samples = 0;  ///< Decided by the spot's cone; their bits are clear.
+  size_t shadowed_samples = 0;      ///< Set bits.
+  size_t undecided_samples = 0;     ///< See above; reported lit.
+  int faces = 0;                    ///< Planes of projection that the sample layout used.
+  MaskTimings milliseconds;
+
+  bool InShadow(size_t layer, int height, int x, int y) const {
+    const size_t row = layer * static_cast<size_t>(height) + static_cast<size_t>(y);
+    return (bits[row * bytes_per_row + static_cast<size_t>(x) / 8] >> (x % 8) & 1) != 0;
+  }
+};
+
+/// Renders masks; keeps its memory between calls, so that a stream of frames of one size allocates only for
+/// the first. One call at a time. Runs on the calling thread's task arena; limit threads with
+/// tbb::task_arena.
+class MaskRenderer {
+ public:
+  /// Layers are at most this wide and high.
+  static constexpr int kMaxSize = 32768;
+  /// Samples of all layers, rows padded to 16.
+  static constexpr size_t kMaxPixels = size_t{1} << 28;
+
+  MaskRenderer();
+  ~MaskRenderer();
+  MaskRenderer(MaskRenderer&&) noexcept;
+  MaskRenderer& operator=(MaskRenderer&&) noexcept;
+
+  /// Masks of all lights, in their order; valid until the next call. InvalidArgument names the field, as
+  /// "lights[1]: direction: zero-length vector" or "layers[0].depth: size 0x4". ResourceExhausted where
+  /// memory runs out, Cancelled or DeadlineExceeded within milliseconds of the request's cancellation asking
+  /// for it.
+  absl::StatusOr<std::span<const LightMask>> Render(const MaskRequest& request);
+
+  size_t MemoryBytes() const;
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+std::string_view MaskMethodName(MaskMethod method);
+/// InvalidArgument where the name is none of "default", "bsp", "exhaustive".
+absl::StatusOr<MaskMethod> ParseMaskMethod(std::string_view name);
+
+}  // namespace shadowfit
