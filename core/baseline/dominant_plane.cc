@@ -13,7 +13,7 @@ namespace {
 // If the plane holds 40 % of the samples, a triple from it is missed once in 600 times by this many tries.
 constexpr int kTries = 96;
 // Tries are judged on this many samples; the refinement sees all.
-constexpr size_t kJudged = 256;
+constexpr size_t kJudged = 128;
 constexpr int kRefinements = 3;
 // Smallest spread of the samples across their main direction, as a share of that along it.
 constexpr double kThinnest = 1e-6;
@@ -22,11 +22,19 @@ double Distance(const glm::dvec4& plane, const glm::dvec3& p) {
   return std::abs(glm::dot(glm::dvec3(plane), p) + plane.w);
 }
 
-double Cost(const glm::dvec4& plane, std::span<const PlaneSample> samples) {
+/// A sample as the tries see it: distances count in units of its tolerance.
+struct Judged {
+  glm::dvec3 ws_position;
+  double inverse_tolerance_squared;
+  double weight;
+};
+
+/// The capped squares, given up once they exceed `enough`.
+double Cost(const glm::dvec4& plane, std::span<const Judged> samples, double enough) {
   double cost = 0.0;
-  for (const PlaneSample& sample : samples) {
-    const double residual = std::min(Distance(plane, sample.ws_position) / sample.tolerance, 1.0);
-    cost += sample.weight * residual * residual;
+  for (size_t i = 0; i < samples.size() && cost < enough; ++i) {
+    const double distance = glm::dot(glm::dvec3(plane), samples[i].ws_position) + plane.w;
+    cost += samples[i].weight * std::min(distance * distance * samples[i].inverse_tolerance_squared, 1.0);
   }
   return cost;
 }
@@ -95,9 +103,13 @@ std::optional<glm::dvec4> Refine(const glm::dvec4& plane, std::span<const PlaneS
 
 std::optional<glm::dvec4> DominantPlane(std::span<const PlaneSample> samples) {
   if (samples.size() < 3) return std::nullopt;
-  std::vector<PlaneSample> judged;
+  std::vector<Judged> judged;
+  judged.reserve(kJudged);
   const size_t stride = (samples.size() + kJudged - 1) / kJudged;
-  for (size_t i = 0; i < samples.size(); i += stride) judged.push_back(samples[i]);
+  for (size_t i = 0; i < samples.size(); i += stride) {
+    const double tolerance = samples[i].tolerance;
+    judged.push_back({samples[i].ws_position, 1.0 / (tolerance * tolerance), samples[i].weight});
+  }
 
   std::optional<glm::dvec4> best;
   double best_cost = HUGE_VAL;
@@ -112,7 +124,7 @@ std::optional<glm::dvec4> DominantPlane(std::span<const PlaneSample> samples) {
     if (!(length > kThinnest * glm::length(ab) * glm::length(ac))) continue;
     const glm::dvec3 n = normal / length;
     const glm::dvec4 plane(n, -glm::dot(n, a));
-    const double cost = Cost(plane, judged);
+    const double cost = Cost(plane, judged, best_cost);
     if (cost < best_cost) {
       best_cost = cost;
       best = plane;

@@ -59,9 +59,14 @@ absl::StatusOr<LightFit> FitFocused(const LightProblem& problem) {
     image = Clip(image, -axes[i], half[i] - center);
   }
 
-  // Visible samples are in there already; what they add is the guarantee, whatever rounding did.
-  for (const glm::dvec3& ray : problem.samples->hull_rays) {
-    if (glm::dot(frustum.plane.w, ray) > 0.0) image.push_back(frustum.plane.Project(ray));
+  const std::vector<glm::dvec3>& hull_rays = problem.samples->hull_rays;
+  EnclosingRectangle rectangle = MinimumAreaRectangle(HullOf(image));
+  if (image.empty() || !InFrontMeansInside(frustum.plane, rectangle, hull_rays)) {
+    // Visible samples are in the view; where rounding, or a caller's depth range, says otherwise they rule.
+    for (const glm::dvec3& ray : hull_rays) {
+      if (glm::dot(frustum.plane.w, ray) > 0.0) image.push_back(frustum.plane.Project(ray));
+    }
+    rectangle = MinimumAreaRectangle(HullOf(image));
   }
   if (image.empty()) {
     fit.projection = MapRectangle(frustum.plane, extents, problem.map_size);
@@ -69,8 +74,7 @@ absl::StatusOr<LightFit> FitFocused(const LightProblem& problem) {
     fit.note = "the light's frustum and the view frustum do not meet: the light's own frustum";
     return fit;
   }
-  fit.projection =
-      MapLongSideToLongSide(frustum.plane, MinimumAreaRectangle(HullOf(image)), problem.map_size);
+  fit.projection = MapLongSideToLongSide(frustum.plane, rectangle, problem.map_size);
   return fit;
 }
 

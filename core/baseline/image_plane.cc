@@ -63,4 +63,22 @@ ShadowProjection MapLongSideToLongSide(const PlaneMap& plane, EnclosingRectangle
   return MapRectangle(plane, rectangle, size);
 }
 
+bool InFrontMeansInside(const PlaneMap& plane, const EnclosingRectangle& rectangle,
+                        std::span<const glm::dvec3> rays) {
+  // |axis . (v - center)| <= half, times w.
+  const glm::dvec2 x_axis = rectangle.axis;
+  const glm::dvec2 y_axis(-x_axis.y, x_axis.x);
+  const glm::dvec3 x = x_axis.x * plane.x + x_axis.y * plane.y - glm::dot(x_axis, rectangle.center) * plane.w;
+  const glm::dvec3 y = y_axis.x * plane.x + y_axis.y * plane.y - glm::dot(y_axis, rectangle.center) * plane.w;
+  const double half_width = 0.5 * rectangle.width * (1.0 + 1e-9);
+  const double half_height = 0.5 * rectangle.height * (1.0 + 1e-9);
+  for (const glm::dvec3& ray : rays) {
+    const double w = glm::dot(plane.w, ray);
+    if (!(w > 0.0)) continue;
+    if (!(std::abs(glm::dot(x, ray)) <= half_width * w && std::abs(glm::dot(y, ray)) <= half_height * w))
+      return false;
+  }
+  return true;
+}
+
 }  // namespace shadowfit

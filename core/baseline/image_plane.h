@@ -1,6 +1,7 @@
 #pragma once
 
 #include <glm/glm.hpp>
+#include <span>
 
 #include "core/math/enclosing_rectangle.h"
 #include "core/math/ray_space.h"
@@ -40,5 +41,11 @@ ShadowProjection MapRectangle(const PlaneMap& plane, const EnclosingRectangle& r
 
 /// The same with the rectangle's longer side along the map's longer side (TR-07-07, section 2.3).
 ShadowProjection MapLongSideToLongSide(const PlaneMap& plane, EnclosingRectangle rectangle, MapSize size);
+
+/// True where every ray in front of the plane lies inside the rectangle, to within 1e-9 of its sides (its
+/// border in the map is wider). Needs no division: methods find their rectangle from the few vertices that it
+/// must hold and check the many rays that should be inside.
+bool InFrontMeansInside(const PlaneMap& plane, const EnclosingRectangle& rectangle,
+                        std::span<const glm::dvec3> rays);
 
 }  // namespace shadowfit

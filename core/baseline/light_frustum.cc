@@ -43,7 +43,8 @@ EnclosingRectangle Square(double half_side) {
 
 bool AllWithin(const glm::dvec3& axis, double cos_half_angle, std::span<const glm::dvec3> rays) {
   return std::all_of(rays.begin(), rays.end(), [&](const glm::dvec3& ray) {
-    return glm::dot(axis, ray) > cos_half_angle * glm::length(ray);
+    const double w = glm::dot(axis, ray);
+    return w > 0.0 && w * w > cos_half_angle * cos_half_angle * glm::dot(ray, ray);
   });
 }
 
@@ -68,14 +69,15 @@ LightFrustum DirectionalFrustum(const LightProblem& problem, std::span<const glm
   frustum.plane = UprightPlane(*problem.ray_space, {0.0, 0.0, 1.0});
   glm::dvec2 low(HUGE_VAL);
   glm::dvec2 high(-HUGE_VAL);
-  for (const std::span<const glm::dvec3> rays :
-       {bounds, std::span<const glm::dvec3>(problem.samples->hull_rays)}) {
+  const auto add = [&](std::span<const glm::dvec3> rays) {
     for (const glm::dvec3& ray : rays) {
       const glm::dvec2 v = frustum.plane.Project(ray);
       low = glm::min(low, v);
       high = glm::max(high, v);
     }
-  }
+  };
+  add(bounds);
+  add(problem.samples->hull_rays);
   const double side = std::max(high.x - low.x, high.y - low.y);
   frustum.extents = {0.5 * (low + high), {1.0, 0.0}, side, side};
   return frustum;

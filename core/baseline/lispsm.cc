@@ -102,18 +102,25 @@ absl::StatusOr<LightFit> FitLispsm(const LightProblem& problem) {
   const glm::dvec2 along = view_image / view_image_length;
   const glm::dvec2 across(along.y, -along.x);
 
-  // 4. Extents of the body along and across. Hull rays only absorb rounding.
+  // 4. Extents of the body along and across. Visible samples are in the body; those that rounding, or a
+  // caller's bounds, leave outside stretch it.
+  const std::vector<glm::dvec3>& hull_rays = problem.samples->hull_rays;
   std::vector<glm::dvec2> image;
-  image.reserve(vertices.size() + problem.samples->hull_rays.size());
-  for (const glm::dvec3& vertex : vertices) image.push_back(plane.Project(ray_space.RayFromPoint(vertex)));
-  for (const glm::dvec3& ray : problem.samples->hull_rays) {
-    if (glm::dot(plane.w, ray) > 0.0) image.push_back(plane.Project(ray));
-  }
+  image.reserve(vertices.size());
   double s_near = HUGE_VAL;
   double s_far = -HUGE_VAL;
-  for (const glm::dvec2& v : image) {
-    s_near = std::min(s_near, glm::dot(along, v));
-    s_far = std::max(s_far, glm::dot(along, v));
+  for (const glm::dvec3& vertex : vertices) {
+    image.push_back(plane.Project(ray_space.RayFromPoint(vertex)));
+    s_near = std::min(s_near, glm::dot(along, image.back()));
+    s_far = std::max(s_far, glm::dot(along, image.back()));
+  }
+  const glm::dvec3 along_row = along.x * plane.x + along.y * plane.y;
+  for (const glm::dvec3& ray : hull_rays) {
+    const double w = glm::dot(plane.w, ray);
+    const double s_times_w = glm::dot(along_row, ray);
+    if (!(w > 0.0) || (s_times_w >= s_near * w && s_times_w <= s_far * w)) continue;
+    s_near = std::min(s_near, s_times_w / w);
+    s_far = std::max(s_far, s_times_w / w);
   }
   const double d = s_far - s_near;
   const double x_eye = glm::dot(across, near_image);
@@ -124,7 +131,7 @@ absl::StatusOr<LightFit> FitLispsm(const LightProblem& problem) {
   // 5. z1 - z0. One step along s at light depth t is t times a unit vector in the world; a directional light
   // has no t. The first point lies where the ray at s_near reaches the near depth, as far as the body reaches
   // along the light.
-  const glm::dvec3 ws_along = glm::transpose(ray_space.linear()) * (along.x * plane.x + along.y * plane.y);
+  const glm::dvec3 ws_along = glm::transpose(ray_space.linear()) * along_row;
   double t = 1.0;
   if (!ray_space.is_directional()) {
     const RaySpace::WsRay ray = ray_space.WorldRay(plane.RayThrough(along * s_near + across * x_eye));
@@ -144,13 +151,20 @@ absl::StatusOr<LightFit> FitLispsm(const LightProblem& problem) {
   // 6. The warp, and the box.
   const double s_center = s_near - n;
   const PlaneMap warped = {across.x * plane.x + across.y * plane.y - x_eye * plane.w, -plane.w,
-                           along.x * plane.x + along.y * plane.y - s_center * plane.w};
+                           along_row - s_center * plane.w};
   for (glm::dvec2& v : image) {
     const double w = glm::dot(along, v) - s_center;
     v = glm::dvec2(glm::dot(across, v) - x_eye, -1.0) / w;
   }
+  EnclosingRectangle box = RectangleAlong(image, {1.0, 0.0});
+  if (!InFrontMeansInside(warped, box, hull_rays)) {
+    for (const glm::dvec3& ray : hull_rays) {
+      if (glm::dot(plane.w, ray) > 0.0) image.push_back(warped.Project(ray));
+    }
+    box = RectangleAlong(image, {1.0, 0.0});
+  }
   LightFit fit;
-  fit.projection = MapRectangle(warped, RectangleAlong(image, {1.0, 0.0}), problem.map_size);
+  fit.projection = MapRectangle(warped, box, problem.map_size);
   fit.outcome = frustum.outcome;
   fit.note = frustum.note;
   return fit;

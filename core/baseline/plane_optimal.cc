@@ -34,6 +34,7 @@ constexpr double kTolerance = 0.01;
 // plane in units of its distance from the samples.
 constexpr double kLeastSine = 1e-3;
 constexpr double kLeastHeight = 1e-4;
+constexpr size_t kMostReceivers = 512;
 
 absl::StatusOr<LightFit> Focused(const LightProblem& problem, const char* note) {
   absl::StatusOr<LightFit> fit = FitFocused(problem);
@@ -43,18 +44,21 @@ absl::StatusOr<LightFit> Focused(const LightProblem& problem, const char* note) 
   return fit;
 }
 
-/// Boundary samples where there are any that make a plane; hull samples otherwise.
+/// Boundary samples where there are any that make a plane; hull samples otherwise. Evenly thinned out: a
+/// plane needs no more.
 std::vector<PlaneSample> Receivers(const LightProblem& problem) {
   const LightSamples& samples = *problem.samples;
   const BoundarySamples& boundary = samples.boundary;
   std::vector<PlaneSample> receivers;
   if (boundary.size() >= 3) {
-    for (size_t i = 0; i < boundary.size(); ++i) {
+    const size_t stride = (boundary.size() + kMostReceivers - 1) / kMostReceivers;
+    for (size_t i = 0; i < boundary.size(); i += stride) {
       receivers.push_back(
           {problem.ray_space->PointFromRay(boundary.Ray(i), boundary.q[i]), boundary.length[i]});
     }
   } else {
-    for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
+    const size_t stride = (samples.hull_rays.size() + kMostReceivers - 1) / kMostReceivers;
+    for (size_t i = 0; i < samples.hull_rays.size(); i += stride) {
       receivers.push_back({problem.ray_space->PointFromRay(samples.hull_rays[i], samples.hull_along_ray[i])});
     }
   }
@@ -140,7 +144,7 @@ absl::StatusOr<LightFit> FitPlaneOptimal(const LightProblem& problem) {
   double least_w = HUGE_VAL;
   double greatest_w = 0.0;
   for (const glm::dvec3& ray : hull_rays) {
-    const double w = glm::dot(image.w, ray) / glm::length(ray);
+    const double w = glm::dot(image.w, ray);
     least_w = std::min(least_w, w);
     greatest_w = std::max(greatest_w, w);
   }
@@ -148,20 +152,34 @@ absl::StatusOr<LightFit> FitPlaneOptimal(const LightProblem& problem) {
     return Focused(problem, "some receivers' light rays meet the receivers' plane behind the eye: focused");
   }
 
-  // 4. The part of the picture that rays fall into, with the footprints of the samples so that the shadow
-  // between them is inside. The camera's axes stay the map's.
+  // 4. The part of the picture that rays fall into. The camera's axes stay the map's. The shadow between the
+  // outermost samples and their neighbours lies in the footprints of these samples.
   glm::dvec2 low(1.0);
   glm::dvec2 high(-1.0);
-  for (const std::vector<glm::dvec3>* rays : {&hull_rays, &problem.samples->hull_footprint_rays}) {
-    for (const glm::dvec3& ray : *rays) {
-      if (!(glm::dot(image.w, ray) > 0.0)) continue;
-      const glm::dvec2 ndc = image.Project(ray);
-      if (!(std::max(std::abs(ndc.x), std::abs(ndc.y)) <= 1.0)) continue;
-      low = glm::min(low, ndc);
-      high = glm::max(high, ndc);
+  glm::ivec4 outermost(-1);  // Samples at low x, low y, high x, high y.
+  for (size_t i = 0; i < hull_rays.size(); ++i) {
+    const glm::dvec2 ndc = image.Project(hull_rays[i]);
+    if (!(std::max(std::abs(ndc.x), std::abs(ndc.y)) <= 1.0)) continue;
+    for (int axis = 0; axis < 2; ++axis) {
+      if (outermost[axis] < 0 || ndc[axis] < low[axis]) {
+        low[axis] = ndc[axis];
+        outermost[axis] = static_cast<int>(i);
+      }
+      if (outermost[axis + 2] < 0 || ndc[axis] > high[axis]) {
+        high[axis] = ndc[axis];
+        outermost[axis + 2] = static_cast<int>(i);
+      }
     }
   }
-  if (low.x > high.x)
+  const std::vector<glm::dvec3>& footprints = problem.samples->hull_footprint_rays;
+  for (int k = 0; k < 16 && outermost[0] >= 0 && footprints.size() == 4 * hull_rays.size(); ++k) {
+    const glm::dvec3 ray = footprints[static_cast<size_t>(4 * outermost[k / 4] + k % 4)];
+    if (!(glm::dot(image.w, ray) > 0.0)) continue;
+    const glm::dvec2 ndc = glm::clamp(image.Project(ray), -1.0, 1.0);
+    low = glm::min(low, ndc);
+    high = glm::max(high, ndc);
+  }
+  if (outermost[0] < 0)
     return Focused(problem, "no receiver's light ray meets the receivers' plane on the screen: focused");
   LightFit fit;
   fit.projection =
