@@ -83,7 +83,7 @@ void BenchFit(benchmark::State& state, const Prepared& prepared, Method method) 
   options.method = method;
   const std::unique_ptr<LightMatrixMethod> fitter = MakeMethod(options);
   bool fallback = false;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     absl::StatusOr<LightFit> fit = fitter->Fit(prepared.problem);
     if (!fit.ok()) {
       state.SkipWithError(std::string(fit.status().message()).c_str());
@@ -101,7 +101,7 @@ void BenchSampling(benchmark::State& state, const ViewStudy& view, const Prepare
   FrameSampler sampler;
   FrameExtent extent;
   std::vector<LightSamples> samples;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     sampler.Sample(view.camera, view.samples.Depth(),
                    BottomFirst(prepared.bits.data(), kSamples.width, kSamples.height), prepared.ray_spaces,
                    kScreen, &extent, &samples);
