@@ -19,7 +19,6 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
 
   // One line a command, in alphabetical order.
-  shadowfit::AddCompareCommand(app);
   shadowfit::AddInfoCommand(app);
   shadowfit::AddOptimizeCommand(app);
 

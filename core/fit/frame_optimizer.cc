@@ -249,7 +249,9 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
         ClipFromWorld(work.ray_spaces[i], fit->projection, result.depth_range, request.output_clip_depth);
     result.objective = FrobeniusMetric(samples.boundary, fit->projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
-      result.predicted_misclassified_pixels = EdgeMetric(samples.boundary, fit->projection.texel_from_ray);
+      result.predicted_misclassified_pixels =
+          EdgeMetric(samples.boundary, fit->projection.texel_from_ray) +
+          EdgeMetric(samples.rough_boundary, fit->projection.texel_from_ray);
     }
     result.seconds = SecondsSince(light_start);
     summary->lights.push_back(std::move(result));

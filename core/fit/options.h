@@ -39,9 +39,24 @@ struct PaperOptions {
   double sufficient_improvement = 0.8;
 };
 
+/// The knobs of the default method.
+struct DefaultOptions {
+  /// Let the map's width and height vary at a fixed number of texels.
+  bool free_aspect = false;
+  /// Weight of boundary samples without reliable derivatives.
+  double rough_weight = 1.0;
+  /// Axes on each ring of the first search.
+  int search_directions = 8;
+  /// Descents, from the best of the first search on.
+  int descents = 2;
+  /// Evaluations that one descent may take.
+  int evaluations_per_descent = 60;
+};
+
 struct Options {
   Method method = Method::kDefault;
   PaperOptions paper;
+  DefaultOptions standard;
 
   /// Upper bound on the time for one frame in seconds; the best matrix found so far is returned where it runs
   /// out. Unlimited by default, which keeps answers independent of the machine's speed.

@@ -99,7 +99,7 @@ struct FrameSampler::Workspace {
   void JudgeFacing(const RaySpace& ray_space);
   void AddHull(const RaySpace& ray_space, const Surface& surface, LightSamples* samples) const;
   void AddBoundary(const RaySpace& ray_space, const Surface& surface, const glm::dvec2& normal, double length,
-                   LightSamples* samples) const;
+                   BoundarySamples* samples) const;
   glm::dvec2 EdgeNormal(const std::optional<BitsView>& bits, int x, int y, uint32_t light_bit) const;
   void SampleBoundary(const std::optional<BitsView>& bits, const RaySpace& ray_space, uint32_t light_bit,
                       LightSamples* samples);
@@ -327,15 +327,14 @@ void FrameSampler::Workspace::AddHull(const RaySpace& ray_space, const Surface& 
 
 void FrameSampler::Workspace::AddBoundary(const RaySpace& ray_space, const Surface& surface,
                                           const glm::dvec2& normal, double length,
-                                          LightSamples* samples) const {
+                                          BoundarySamples* samples) const {
   // From low-resolution to final-screen pixels: lengths along the edge stretch with it, its normal with the
   // inverse.
   const glm::dvec2 scale(pixels_per_sample_x, pixels_per_sample_y);
   const double stretch = glm::length(glm::dvec2(-normal.y, normal.x) * scale);
-  samples->boundary.Add(
-      ray_space.RayFromPoint(surface.ws_position), ray_space.RayFromVector(surface.ws_dx1) / scale.x,
-      ray_space.RayFromVector(surface.ws_dx2) / scale.y, ray_space.AlongRay(surface.ws_position),
-      glm::normalize(normal / scale), length * stretch);
+  samples->Add(ray_space.RayFromPoint(surface.ws_position), ray_space.RayFromVector(surface.ws_dx1) / scale.x,
+               ray_space.RayFromVector(surface.ws_dx2) / scale.y, ray_space.AlongRay(surface.ws_position),
+               glm::normalize(normal / scale), length * stretch);
 }
 
 /// The direction across the shadow edge: the dominant eigenvector of the structure tensor, the sum of g g^T
@@ -378,28 +377,36 @@ void FrameSampler::Workspace::SampleBoundary(const std::optional<BitsView>& bits
     const bool differs = (active_differing[i] & light_bit) != 0;
     if (!differs && facing[i] == Facing::kGrazing) continue;
     AddHull(ray_space, surfaces[i], samples);
-    if (!differs || facing[i] != Facing::kTowards) continue;
+    if (facing[i] == Facing::kGrazing) continue;
 
     const int x = active_pixels[i] % width;
     const int y = active_pixels[i] / width;
     int crossings = 0;
+    int rough_crossings = 0;
     for (const Step& step : kNeighbours) {
       const int nx = x + step.dx;
       const int ny = y + step.dy;
       if (!Visible(nx, ny) || ((bits->At(nx, ny) ^ active_bits[i]) & light_bit) == 0) continue;
-      if (!Continuous(x, y, step)) continue;
-      const auto neighbour = static_cast<size_t>(active_of_pixel[static_cast<size_t>(Index(nx, ny))]);
+      const int32_t neighbour = active_of_pixel[static_cast<size_t>(Index(nx, ny))];
+      if (neighbour < 0 || facing[i] != Facing::kTowards || !Continuous(x, y, step)) {
+        ++rough_crossings;
+        continue;
+      }
       // A terminator: the light's cosine, carried on at the same rate, reaches zero within a step.
-      if (facing[neighbour] == Facing::kAway || facing[neighbour] == Facing::kGrazing) continue;
-      if (facing[neighbour] == Facing::kTowards && 2.0 * cosine[i] - cosine[neighbour] <= 0.0) continue;
+      const auto n = static_cast<size_t>(neighbour);
+      if (facing[n] == Facing::kAway || facing[n] == Facing::kGrazing) continue;
+      if (facing[n] == Facing::kTowards && 2.0 * cosine[i] - cosine[n] <= 0.0) continue;
       ++crossings;
     }
-    if (crossings == 0) continue;
+    if (crossings + rough_crossings == 0) continue;
     // A straight edge of length l crosses l (|n1| + |n2|) pairs of neighbours (Cauchy, Crofton); both pixels
     // of a pair are samples, so each stands for half of it.
     const glm::dvec2 normal = EdgeNormal(bits, x, y, light_bit);
-    const double length = 0.5 * crossings / (std::abs(normal.x) + std::abs(normal.y));
-    AddBoundary(ray_space, surfaces[i], normal, length, samples);
+    const double length = 0.5 / (std::abs(normal.x) + std::abs(normal.y));
+    if (crossings > 0) AddBoundary(ray_space, surfaces[i], normal, crossings * length, &samples->boundary);
+    if (rough_crossings > 0) {
+      AddBoundary(ray_space, surfaces[i], normal, rough_crossings * length, &samples->rough_boundary);
+    }
   }
 }
 
@@ -410,8 +417,8 @@ void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightS
     AddHull(ray_space, surfaces[i], samples);
     if (facing[i] != Facing::kTowards) continue;
     // An edge could run either way.
-    AddBoundary(ray_space, surfaces[i], {1.0, 0.0}, 0.5, samples);
-    AddBoundary(ray_space, surfaces[i], {0.0, 1.0}, 0.5, samples);
+    AddBoundary(ray_space, surfaces[i], {1.0, 0.0}, 0.5, &samples->boundary);
+    AddBoundary(ray_space, surfaces[i], {0.0, 1.0}, 0.5, &samples->boundary);
   }
 }
 

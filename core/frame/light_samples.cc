@@ -42,6 +42,7 @@ void BoundarySamples::Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, cons
 void LightSamples::Clear() {
   source = SampleSource::kNone;
   boundary.Clear();
+  rough_boundary.Clear();
   hull_rays.clear();
   hull_along_ray.clear();
   hull_footprint_rays.clear();

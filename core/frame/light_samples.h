@@ -39,6 +39,10 @@ enum class SampleSource {
 struct LightSamples {
   SampleSource source = SampleSource::kNone;
   BoundarySamples boundary;
+  /// Boundary samples beside depth discontinuities or without reliable derivatives (leaves, thin things),
+  /// with the best guess at both: a surface that faces the viewer where nothing is known. The papers leave
+  /// them out.
+  BoundarySamples rough_boundary;
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.
   /// The corners of the hull samples' footprints, one low-resolution pixel to every side: shadow that fell

@@ -42,6 +42,14 @@ bool Contains(const EnclosingCone& cone, const glm::dvec3& direction) {
   return glm::dot(cone.axis, direction) >= cone.cos_half_angle - kSlack;
 }
 
+bool ContainsFirst(const EnclosingCone& cone, const std::vector<glm::dvec3>& directions, size_t count) {
+  constexpr double kTolerance = 1e-9;
+  for (size_t i = 0; i < count; ++i) {
+    if (glm::dot(cone.axis, directions[i]) < cone.cos_half_angle - kTolerance) return false;
+  }
+  return true;
+}
+
 /// A small multiplicative generator: the shuffle only has to be independent of the order of the input.
 uint64_t NextRandom(uint64_t& state) {
   state = state * 6364136223846793005ULL + 1442695040888963407ULL;
@@ -74,10 +82,11 @@ std::optional<EnclosingCone> SmallestEnclosingCone(std::span<const glm::dvec3> r
       for (size_t k = 0; k < j; ++k) {
         if (!Contains(cone, directions[k])) cone = Through(directions[i], directions[j], directions[k]);
       }
+      // Rays that span a half space or more break the construction's premise: what it makes then does not
+      // contain them. Found here, before the loops run into cubic time.
+      if (!ContainsFirst(cone, directions, j)) return std::nullopt;
     }
   }
-  // Rays that span a half space or more break the construction's premise; what it returns then does not
-  // contain them.
   double smallest = 1.0;
   for (const glm::dvec3& direction : directions)
     smallest = std::min(smallest, glm::dot(cone.axis, direction));

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace shadowfit {
+
+// The three inner loops of EdgeFit, vectorised with run-time dispatch (Highway) at eight lanes: sums come out
+// the same on every machine with AVX2 or better.
+
+/// Arrays that the kernels read are padded to a multiple of this.
+inline constexpr size_t kEdgeLanes = 8;
+
+/// Covectors of `count` samples (a multiple of kEdgeLanes; padding has e1 = e2 = e3 = 0) at axis (a, b, 1),
+/// see WhitenedSamples, turned into the upper half plane, and the bin of each one's direction among `bins`
+/// equal steps of the diamond angle: 0.5 - 0.5 x / (|x| + y), which rises with the angle and needs no
+/// trigonometry.
+void EdgeCovectors(const float* x, const float* y, const float* e1, const float* e2, const float* e3,
+                   size_t count, float a, float b, int bins, float* gx, float* gy, int32_t* bin);
+
+/// Sum of s/4 + t^2 / (12 s), s >= t the sorted |g . b1|, |g . b2|, over `count` covectors (a multiple of
+/// kEdgeLanes; padding is zero).
+float EdgeCost(const float* gx, const float* gy, size_t count, const float b1[2], const float b2[2]);
+
+/// Greatest minus least n . v over `count` points (a multiple of kEdgeLanes; padding repeats a point) for two
+/// directions.
+void HullExtents(const float* vx, const float* vy, size_t count, const float n1[2], const float n2[2],
+                 float extents[2]);
+
+}  // namespace shadowfit
