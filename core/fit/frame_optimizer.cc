@@ -243,15 +243,15 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     result.outcome = fit->outcome;
     if (fit->note[0] != '\0') result.note = fit->note;
     result.evaluations = fit->evaluations;
-    result.projection = fit->projection;
-    result.depth_range = FitDepthRange(work.ray_spaces[i], fit->projection, samples, ws_visible_corners);
+    result.projection = KeepWinding(fit->projection);
+    result.depth_range = FitDepthRange(work.ray_spaces[i], result.projection, samples, ws_visible_corners);
     result.clip_from_world =
-        ClipFromWorld(work.ray_spaces[i], fit->projection, result.depth_range, request.output_clip_depth);
-    result.objective = FrobeniusMetric(samples.boundary, fit->projection.texel_from_ray);
+        ClipFromWorld(work.ray_spaces[i], result.projection, result.depth_range, request.output_clip_depth);
+    result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
       result.predicted_misclassified_pixels =
-          EdgeMetric(samples.boundary, fit->projection.texel_from_ray) +
-          EdgeMetric(samples.rough_boundary, fit->projection.texel_from_ray);
+          EdgeMetric(samples.boundary, result.projection.texel_from_ray) +
+          EdgeMetric(samples.rough_boundary, result.projection.texel_from_ray);
     }
     result.seconds = SecondsSince(light_start);
     summary->lights.push_back(std::move(result));

@@ -59,8 +59,6 @@ struct LightSummary {
   int hull_samples = 0;
   int evaluations = 0;
   double seconds = 0.0;  ///< This light's share: samples, fit and depth row.
-
-  bool IsUsable() const { return outcome != FitOutcome::kFallback; }
 };
 
 struct FrameSummary {

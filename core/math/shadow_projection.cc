@@ -35,6 +35,18 @@ glm::dmat4 ClipFromWorld(const RaySpace& ray_space, const ShadowProjection& proj
                                    alpha * AlongRayRow(ray_space, range.q_origin) + beta * w_row, w_row));
 }
 
+ShadowProjection KeepWinding(const ShadowProjection& projection) {
+  // An unmirrored camera has (right, up, look) left-handed, as its third axis points backwards; ray space is
+  // right-handed with look as its third axis.
+  if (glm::determinant(projection.texel_from_ray) < 0.0) return projection;
+  ShadowProjection mirrored = projection;
+  for (int column = 0; column < 3; ++column) {
+    glm::dvec3& c = mirrored.texel_from_ray[column];
+    c.x = projection.size.width * c.z - c.x;  // u1 becomes width - u1.
+  }
+  return mirrored;
+}
+
 bool ProjectionFromClip(const RaySpace& ray_space, const glm::dmat4& clip_from_world, MapSize size,
                         ShadowProjection* projection) {
   const glm::dmat4 rows = glm::transpose(clip_from_world);

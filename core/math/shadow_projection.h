@@ -50,6 +50,11 @@ struct DepthRange {
 glm::dmat4 ClipFromWorld(const RaySpace& ray_space, const ShadowProjection& projection,
                          const DepthRange& range, ClipDepth convention);
 
+/// The same map, mirrored if need be so that triangles keep their winding: counter-clockwise as seen from the
+/// light is counter-clockwise in clip space, as renderers that cull faces expect of any camera. Every texel
+/// keeps its shape.
+ShadowProjection KeepWinding(const ShadowProjection& projection);
+
 /// The inverse of ClipFromWorld as far as texels go: the homography that a world-to-clip matrix of this light
 /// means. False where the matrix does not belong to the light (its rows are not multiples of G's: it would
 /// map the light itself, or the light's direction, into the picture) or is singular.

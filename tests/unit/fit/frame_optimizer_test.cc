@@ -147,6 +147,35 @@ TEST_P(EveryMethod, DepthIsMonotoneAlongEveryLightRay) {
   }
 }
 
+TEST_P(EveryMethod, KeepsTheWindingOfTriangles) {
+  std::mt19937 random(13);
+  for (int trial = 0; trial < 200; ++trial) {
+    OwnedFrame frame = testing::Draw(testing::RandomSpheres(random, 6),
+                                     testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 24, 24,
+                                     {testing::RandomLight(random, 0)});
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    const std::vector<LightSamples> samples = SamplesOf(frame.request);
+    if (samples[0].hull_rays.empty()) continue;
+    const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+    const RaySpace::WsRay ray = space.WorldRay(samples[0].hull_rays[0]);
+    if (!(summary.lights[0].projection.TexelFromRay(samples[0].hull_rays[0]).z > 0.0)) continue;
+    // A small triangle across the ray, counter-clockwise for who looks along it.
+    const glm::dvec3 center = space.is_directional() ? ray.origin : ray.origin + ray.direction;
+    const glm::dvec3 back = -glm::normalize(ray.direction);
+    const glm::dvec3 right =
+        glm::normalize(glm::cross(std::abs(back.z) < 0.9 ? glm::dvec3(0, 0, 1) : glm::dvec3(1, 0, 0), back));
+    const glm::dvec3 up = glm::cross(back, right);
+    const auto clip = [&](const glm::dvec3& offset) {
+      const glm::dvec4 c = summary.lights[0].clip_from_world * glm::dvec4(center + 1e-3 * offset, 1.0);
+      return glm::dvec2(c) / c.w;
+    };
+    const glm::dvec2 a = clip(glm::dvec3(0.0));
+    const glm::dvec2 b = clip(right) - a;
+    const glm::dvec2 c = clip(up) - a;
+    EXPECT_GT(b.x * c.y - b.y * c.x, 0.0) << "trial " << trial;
+  }
+}
+
 TEST_P(EveryMethod, ServesOrStatesDegenerateConfigurations) {
   const glm::dvec3 camera_forward = [] {
     std::mt19937 random(5);
