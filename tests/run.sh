@@ -1,0 +1,26 @@
+#!/bin/sh
+# Installs packages, builds and runs all default tests.
+#
+#   tests/run.sh [preset] [ctest options]    preset: release (default), debug, asan or tsan
+set -eu
+root=$(cd "$(dirname "$0")/.." && pwd)
+preset=release
+case "${1:-}" in
+  release | debug | asan | tsan)
+    preset=$1
+    shift
+    ;;
+esac
+
+step() { echo "==> $*" >&2; }
+
+step "1/3 packages"
+"$root/deploy/install-packages.sh"
+
+step "2/3 build (build/$preset; several minutes the first time)"
+cd "$root"
+cmake --preset "$preset" -DSHADOWFIT_TESTS=ON >/dev/null
+cmake --build --preset "$preset"
+
+step "3/3 tests"
+exec ctest --preset "$preset" "$@"
