@@ -15,6 +15,7 @@ namespace shadowfit {
 // throwing CLI::ValidationError (a wrong argument).
 
 // Declare the commands here, in alphabetical order, and call them in main.cc.
+void AddCompareCommand(CLI::App& app);
 void AddInfoCommand(CLI::App& app);
 void AddOptimizeCommand(CLI::App& app);
 

@@ -19,6 +19,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
 
   // One line a command, in alphabetical order.
+  shadowfit::AddCompareCommand(app);
   shadowfit::AddInfoCommand(app);
   shadowfit::AddOptimizeCommand(app);
 

@@ -92,7 +92,7 @@ std::vector<Light> PlaceLights(LightPlacement placement, int count, uint64_t see
     const glm::dvec3 up = axes * glm::dvec3(across * std::cos(angle), across * std::sin(angle), height);
     switch (placement) {
       case LightPlacement::kNear:
-        lights.emplace_back(PointLight{foot + 0.5 * radius * up});
+        lights.emplace_back(PointLight{foot + 1.2 * radius * up});
         break;
       case LightPlacement::kDistant:
         lights.emplace_back(PointLight{foot + 5.0 * radius * up});

@@ -17,7 +17,7 @@ namespace shadowfit {
 /// Where the lights of a comparison stand. R is half the horizontal diagonal of the scene's bounds, and
 /// hemispheres stand on the bounds' floor.
 enum class LightPlacement {
-  kNear,         ///< "near": point lights on a hemisphere of radius R / 2, among the outer objects.
+  kNear,         ///< "near": point lights on a hemisphere of radius 1.2 R, just outside the scene.
   kDistant,      ///< "distant": point lights on a hemisphere of radius 5 R.
   kDirectional,  ///< "directional": shining from a hemisphere at infinity.
   kInside,       ///< "inside": point lights in the upper half of the bounds, for enclosed scenes.

@@ -114,6 +114,18 @@ inline OwnedFrame RandomFrame(uint32_t seed, int width, int height, int lights) 
   return Draw(scene, camera, width, height, std::move(requests));
 }
 
+/// Frame `step` of a slow walk through one random scene with `lights` lights that stand still.
+inline OwnedFrame WalkFrame(uint32_t seed, int step, int width, int height, int lights) {
+  std::mt19937 random(seed);
+  const AnalyticScene scene = RandomSpheres(random, 8);
+  std::vector<LightRequest> requests;
+  for (int i = 0; i < lights; ++i) requests.push_back(RandomLight(random, 100 + static_cast<uint32_t>(i)));
+  CameraMatrices camera =
+      WalkThroughCamera(random, ClipDepth::kNegativeOneToOne, static_cast<double>(width) / height);
+  camera.view_from_world = glm::translate(camera.view_from_world, glm::dvec3(0.01 * step, 0.02 * step, 0.0));
+  return Draw(scene, camera, width, height, std::move(requests));
+}
+
 /// Matrices must agree to the last bit, so they are compared as bytes.
 inline std::string MatrixBytes(const v1::FrameResult& result) {
   std::string bytes;

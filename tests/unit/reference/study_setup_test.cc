@@ -21,9 +21,9 @@ TEST(StudySetupTest, LightsLieWhereTheirPlacementSays) {
     constexpr int kLights = 2000;
     for (const Light& light : PlaceLights(LightPlacement::kNear, kLights, 7, kBounds, up)) {
       const glm::dvec3 offset = std::get<PointLight>(light).ws_position - foot;
-      EXPECT_NEAR(glm::length(offset), 0.5 * radius, 1e-12);
-      EXPECT_GE(glm::dot(offset, up), 0.5 * radius * std::sin(std::numbers::pi / 180.0) - 1e-12);
-      height_sum += glm::dot(offset, up) / (0.5 * radius);
+      EXPECT_NEAR(glm::length(offset), 1.2 * radius, 1e-12);
+      EXPECT_GE(glm::dot(offset, up), 1.2 * radius * std::sin(std::numbers::pi / 180.0) - 1e-12);
+      height_sum += glm::dot(offset, up) / (1.2 * radius);
     }
     EXPECT_NEAR(height_sum / kLights, 0.51, 0.02);  // Heights are uniform on a uniform hemisphere.
     for (const Light& light : PlaceLights(LightPlacement::kDistant, 50, 7, kBounds, up)) {

@@ -1,0 +1,180 @@
+#include "client/compare/comparison.h"
+
+#include <algorithm>
+#include <array>
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/compare/comparison_report.h"
+#include "client/compare/record_store.h"
+#include "core/fit/frame_optimizer.h"
+#include "core/reference/view_study.h"
+
+namespace shadowfit {
+namespace {
+
+absl::Status Validate(const ComparisonOptions& options) {
+  const auto invalid = [](std::string message) { return absl::InvalidArgumentError(std::move(message)); };
+  if (options.methods.empty()) return invalid("methods: empty, at least one is needed");
+  std::set<std::string> names;
+  for (const MethodVariant& method : options.methods) {
+    if (!names.insert(method.name).second) return invalid(absl::StrCat("methods: ", method.name, " twice"));
+    if (method.map_size.width < 1 || method.map_size.height < 1) {
+      return invalid(absl::StrFormat("methods.%s.map_size: %dx%d, both must be positive", method.name,
+                                     method.map_size.width, method.map_size.height));
+    }
+  }
+  if (options.sets.empty()) return invalid("sets: empty, at least one is needed");
+  std::set<LightPlacement> placements;
+  for (const LightSet& set : options.sets) {
+    if (set.count < 1) return invalid(absl::StrFormat("lights: %d, at least 1 is needed", set.count));
+    if (!placements.insert(set.placement).second) {
+      return invalid(absl::StrCat("kind: ", std::string(LightPlacementName(set.placement)), " twice"));
+    }
+  }
+  for (const auto& [size, name] :
+       {std::pair(options.screen, "screen"), std::pair(options.samples, "samples")}) {
+    if (size.width < 2 || size.height < 2 || size.width > 16384 || size.height > 16384) {
+      return invalid(
+          absl::StrFormat("%s: %dx%d, 2 to 16384 on each side are accepted", name, size.width, size.height));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<StandPoint>> ChooseStandPoints(const TruthScene& truth,
+                                                          const std::string& scene_name,
+                                                          const ComparisonOptions& options) {
+  if (options.views == 0) {
+    if (options.stand_point) return std::vector{*options.stand_point};
+    if (const auto own = ProceduralStandPoint(scene_name)) return std::vector{*own};
+  }
+  std::vector<StandPoint> found =
+      FindStandPoints(truth, std::max(1, options.views), options.views == 0 ? 1 : options.seed, options.view);
+  if (found.empty()) {
+    return absl::InvalidArgumentError(
+        "view: no floor to stand on was found in the scene; give the eye and the target");
+  }
+  return found;
+}
+
+/// One method's matrices for one light: the summary of the last of three runs, the median of their times.
+MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const LightStudy& light,
+                        const MethodVariant& method, MapSize screen, FrameOptimizer* optimizer) {
+  FrameRequest request;
+  request.camera = {view.camera.view_from_world(), view.camera.clip_from_view(), view.camera.clip_depth()};
+  request.depth = view.samples.Depth();
+  request.bits = light.Bits(view);
+  LightRequest& wanted = request.lights.emplace_back();
+  wanted.light = light.light;
+  wanted.map_size = method.map_size;
+  request.screen = screen;
+  request.ws_scene_bounds = truth.ws_bounds();
+
+  MethodRecord record;
+  FrameSummary summary;
+  std::array<double, 3> seconds{};
+  for (double& run : seconds) {
+    const absl::Status status = optimizer->Optimize(request, method.options, Cancellation(), &summary);
+    if (!status.ok()) {
+      record.note = absl::StrCat("failed: ", status.message());
+      record.wrong_pixels = light.shadowed_pixels;
+      return record;
+    }
+    run = summary.total_seconds;
+  }
+  std::ranges::sort(seconds);
+  const LightSummary& fit = summary.lights[0];
+  record.milliseconds = 1e3 * seconds[1];
+  record.predicted_pixels = fit.predicted_misclassified_pixels;
+  record.boundary_samples = fit.boundary_samples;
+  record.evaluations = fit.evaluations;
+  record.note = fit.note;
+  const absl::StatusOr<int> wrong = WrongPixels(truth, view, light, {&fit.projection, 1});
+  if (wrong.ok()) {
+    record.wrong_pixels = *wrong;
+  } else {
+    record.note = absl::StrCat("failed: ", wrong.status().message());
+    record.wrong_pixels = light.shadowed_pixels;
+  }
+  return record;
+}
+
+}  // namespace
+
+absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOptions& options,
+                                         const ComparisonProgress& progress) {
+  if (absl::Status status = Validate(options); !status.ok()) return status;
+  absl::StatusOr<TruthScene> truth = TruthScene::Create(scene);
+  if (!truth.ok()) return truth.status();
+
+  Comparison comparison;
+  comparison.scene = scene.name;
+  comparison.triangles = truth->TriangleCount();
+  comparison.options = options;
+  comparison.options.view.aspect = double(options.screen.width) / options.screen.height;
+  const absl::StatusOr<std::vector<StandPoint>> stand_points =
+      ChooseStandPoints(*truth, scene.name, comparison.options);
+  if (!stand_points.ok()) return stand_points.status();
+  comparison.stand_points = *stand_points;
+
+  std::vector<ViewStudy> views;
+  for (const StandPoint& stand_point : comparison.stand_points) {
+    const absl::StatusOr<Camera> camera =
+        Camera::Create(CameraAt(stand_point, truth->ws_bounds(), comparison.options.view));
+    if (!camera.ok()) return camera.status();
+    views.push_back(ViewStudy::Create(*truth, *camera, options.screen, options.samples));
+  }
+
+  std::optional<RecordStore> store;
+  if (!options.folder.empty()) {
+    absl::StatusOr<RecordStore> opened = RecordStore::Open(options.folder, StudyJson(comparison));
+    if (!opened.ok()) return opened.status();
+    store = *std::move(opened);
+  }
+
+  // An optimizer a method, so that each keeps its memory warm as a stream of frames does.
+  std::vector<FrameOptimizer> optimizers(options.methods.size());
+  int total = 0;
+  for (const LightSet& set : options.sets) total += set.count;
+  for (const LightSet& set : options.sets) {
+    const std::vector<Light> lights = PlaceLights(set.placement, set.count, options.seed, truth->ws_bounds(),
+                                                  comparison.options.view.ws_up);
+    for (int i = 0; i < set.count; ++i) {
+      LightRecord& record = comparison.lights.emplace_back();
+      record.placement = set.placement;
+      record.index = i;
+      record.view = i % static_cast<int>(views.size());
+      record.light = lights[static_cast<size_t>(i)];
+      const ViewStudy& view = views[static_cast<size_t>(record.view)];
+      std::optional<LightStudy> study;
+      for (size_t m = 0; m < options.methods.size(); ++m) {
+        const MethodVariant& method = options.methods[m];
+        if (const auto* line = store ? store->Find(set.placement, i, method.name) : nullptr) {
+          record.concerned_pixels = line->concerned_pixels;
+          record.shadowed_pixels = line->shadowed_pixels;
+          record.methods.push_back(line->record);
+          continue;
+        }
+        if (!study) {
+          absl::StatusOr<LightStudy> made = LightStudy::Create(*truth, view, record.light);
+          if (!made.ok()) return made.status();
+          study = *std::move(made);
+          record.concerned_pixels = study->concerned_pixels;
+          record.shadowed_pixels = study->shadowed_pixels;
+        }
+        record.methods.push_back(MeasureFit(*truth, view, *study, method, options.screen, &optimizers[m]));
+        if (!store) continue;
+        const absl::Status status = store->Append({set.placement, i, method.name, record.concerned_pixels,
+                                                   record.shadowed_pixels, record.methods.back()});
+        if (!status.ok()) return status;
+      }
+      if (progress) progress(static_cast<int>(comparison.lights.size()), total);
+    }
+  }
+  return comparison;
+}
+
+}  // namespace shadowfit

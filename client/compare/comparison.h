@@ -1,0 +1,84 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <glm/glm.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/fit/options.h"
+#include "core/math/light.h"
+#include "core/math/shadow_projection.h"
+#include "core/reference/study_setup.h"
+#include "core/scene/scene.h"
+
+namespace shadowfit {
+
+/// A way of making light matrices that takes part in a comparison.
+struct MethodVariant {
+  std::string name;  ///< As in tables; unique in a comparison.
+  Options options;
+  MapSize map_size;
+};
+
+struct LightSet {
+  LightPlacement placement = LightPlacement::kNear;
+  int count = 500;
+};
+
+/// TR-07-07, section 3: its sizes are the defaults.
+struct ComparisonOptions {
+  std::vector<LightSet> sets = {LightSet{}};
+  uint64_t seed = 1;
+  std::vector<MethodVariant> methods;
+  MapSize screen{750, 750};
+  MapSize samples{180, 180};
+  ViewOptions view;
+  /// 0: one view, the scene's own or `stand_point`. Otherwise so many seeded stand points, which take the
+  /// lights in turn.
+  int views = 0;
+  std::optional<StandPoint> stand_point;
+  /// Results are kept here light by light, and read back by the next run; empty keeps nothing.
+  std::string folder;
+};
+
+/// One method's answer for one light.
+struct MethodRecord {
+  int wrong_pixels = 0;
+  double predicted_pixels = 0.0;
+  double milliseconds = 0.0;  ///< From decoded frame to matrix, one thread, median of three.
+  int boundary_samples = 0;
+  int evaluations = 0;
+  std::string note;  ///< A fallback's reason, or "failed: ..."; then the count is that of no map at all.
+};
+
+struct LightRecord {
+  LightPlacement placement = LightPlacement::kNear;
+  int index = 0;  ///< In its set.
+  int view = 0;
+  Light light;
+  int concerned_pixels = 0;
+  int shadowed_pixels = 0;
+  std::vector<MethodRecord> methods;  ///< In the order of ComparisonOptions::methods.
+};
+
+struct Comparison {
+  std::string scene;
+  size_t triangles = 0;
+  ComparisonOptions options;             ///< view.far and stand points resolved.
+  std::vector<StandPoint> stand_points;  ///< By LightRecord::view.
+  std::vector<LightRecord> lights;       ///< Set by set.
+};
+
+/// Called after each light with the number done and the number of all.
+using ComparisonProgress = std::function<void(int done, int total)>;
+
+/// Every method's wrong pixels against Embree truth, for every light. Matrices are made on the calling
+/// thread, one light at a time, so that times are those of one thread; rays use all cores. InvalidArgument
+/// for options that mean nothing; FailedPrecondition where `folder` holds another comparison's results.
+absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOptions& options,
+                                         const ComparisonProgress& progress);
+
+}  // namespace shadowfit

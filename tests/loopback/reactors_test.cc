@@ -1,0 +1,367 @@
+// The reactors that all services stand on, with computations that the test holds back.
+#include <gtest/gtest.h>
+
+#include <random>
+#include <stop_token>
+#include <thread>
+#include <vector>
+
+#include "google/rpc/error_details.pb.h"
+#include "tests/loopback/gated_service.h"
+
+namespace shadowfit {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::Eventually;
+using testing::GatedService;
+
+ServerOptions TwoWorkers() {
+  ServerOptions options;
+  options.workers = 2;
+  return options;
+}
+
+FrameStreamOptions InFlight(int frames, std::chrono::milliseconds timeout = 60s) {
+  FrameStreamOptions options;
+  options.max_in_flight = frames;
+  options.frame_timeout = timeout;
+  return options;
+}
+
+void Send(FrameStream& stream, uint64_t id) {
+  v1::Frame* frame = stream.Acquire();
+  ASSERT_NE(frame, nullptr);
+  frame->set_frame_id(id);
+  ASSERT_TRUE(stream.Submit(frame).ok());
+}
+
+bool HasRetryInfo(const absl::Status& status) {
+  return status.GetPayload("type.googleapis.com/google.rpc.RetryInfo").has_value();
+}
+
+TEST(StreamReactor, ComputesOneFrameAtATimeInTheirOrder) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream(InFlight(20));
+  for (uint64_t id = 1; id <= 20; ++id) Send(*stream, id);
+  for (uint64_t id = 1; id <= 20; ++id) {
+    service.LetThrough(1);
+    const auto outcome = stream->Wait(10s);
+    ASSERT_TRUE(outcome && outcome->result.ok());
+    EXPECT_EQ(outcome->frame_id, id);
+    EXPECT_EQ(outcome->result->frame_id(), id);
+  }
+  EXPECT_EQ(service.most_at_a_time(), 1);
+  EXPECT_TRUE(stream->Finish(10s).ok());
+  const std::vector<uint64_t> started = service.started();
+  ASSERT_EQ(started.size(), 20U);
+  for (uint64_t id = 1; id <= 20; ++id) EXPECT_EQ(started[id - 1], id);
+}
+
+TEST(StreamReactor, DifferentStreamsAreComputedAtOnce) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto first = client->OpenStream();
+  const auto second = client->OpenStream();
+  Send(*first, 1);
+  Send(*second, 1);
+  EXPECT_TRUE(Eventually([&] { return service.most_at_a_time() == 2; }));
+}
+
+TEST(StreamReactor, HoldsNoMoreFramesThanItsSlots) {
+  ServerOptions options = TwoWorkers();
+  options.max_frames_in_stream = 2;
+  GatedService service(options);
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream(InFlight(30));
+  for (uint64_t id = 1; id <= 30; ++id) Send(*stream, id);
+  ASSERT_TRUE(Eventually([&] { return service.context().admission.jobs() == 2; }));
+  for (int i = 0; i < 50; ++i) {
+    EXPECT_LE(service.context().admission.jobs(), 2);
+    std::this_thread::sleep_for(1ms);
+  }
+  service.LetThrough(30);
+  for (int i = 0; i < 30; ++i) {
+    const auto outcome = stream->Wait(10s);
+    ASSERT_TRUE(outcome && outcome->result.ok());
+  }
+}
+
+TEST(StreamReactor, ACancelledStreamStopsItsComputation) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream();
+  for (uint64_t id = 1; id <= 3; ++id) Send(*stream, id);
+  ASSERT_TRUE(Eventually([&] { return service.started().size() == 1; }));
+  stream->Cancel();
+  EXPECT_TRUE(Eventually([&] { return service.cancelled() == 1; }));
+  EXPECT_TRUE(Eventually([&] { return service.context().streams.count() == 0; }));
+  EXPECT_EQ(service.context().admission.jobs(), 0);
+  EXPECT_EQ(service.context().admission.bytes(), 0U);
+  EXPECT_EQ(service.started().size(), 1U);  // The frames behind it were never begun.
+  for (int i = 0; i < 3; ++i) {
+    const auto outcome = stream->Poll();
+    ASSERT_TRUE(outcome.has_value());
+    EXPECT_TRUE(absl::IsCancelled(outcome->result.status()));
+  }
+}
+
+TEST(StreamReactor, AFrameWhoseDeadlinePassedInTheQueueIsNotBegun) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream(InFlight(3, 150ms));
+  Send(*stream, 1);
+  Send(*stream, 2);
+  Send(*stream, 3);
+  for (uint64_t id = 1; id <= 3; ++id) {
+    const auto outcome = stream->Wait(10s);
+    ASSERT_TRUE(outcome.has_value());
+    EXPECT_EQ(outcome->frame_id, id);
+    EXPECT_TRUE(absl::IsDeadlineExceeded(outcome->result.status())) << outcome->result.status();
+  }
+  EXPECT_TRUE(Eventually([&] { return service.context().admission.jobs() == 0; }));
+  EXPECT_EQ(service.started().size(), 1U);
+  EXPECT_EQ(service.cancelled(), 1);  // The first one's computation saw its deadline too.
+  service.LetThrough(1);
+  Send(*stream, 4);
+  const auto outcome = stream->Wait(10s);
+  ASSERT_TRUE(outcome.has_value());
+  EXPECT_TRUE(outcome->result.ok()) << outcome->result.status();
+}
+
+TEST(StreamReactor, AnExceptionFailsItsFrameAlone) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream();
+  service.LetThrough(2);
+  service.ThrowNext();
+  Send(*stream, 1);
+  const auto bad = stream->Wait(10s);
+  ASSERT_TRUE(bad.has_value());
+  EXPECT_EQ(bad->result.status().code(), absl::StatusCode::kInternal);
+  Send(*stream, 2);
+  const auto good = stream->Wait(10s);
+  ASSERT_TRUE(good.has_value());
+  EXPECT_TRUE(good->result.ok());
+}
+
+TEST(StreamReactor, ABusyServiceRefusesTheFrameAndKeepsTheStream) {
+  ServerOptions options = TwoWorkers();
+  options.max_admitted_jobs = 1;
+  GatedService service(options);
+  const auto client = service.Connect();
+  const auto first = client->OpenStream();
+  const auto second = client->OpenStream();
+  Send(*first, 1);
+  ASSERT_TRUE(Eventually([&] { return service.context().admission.jobs() == 1; }));
+  Send(*second, 1);
+  const auto refused = second->Wait(10s);
+  ASSERT_TRUE(refused.has_value());
+  EXPECT_TRUE(absl::IsUnavailable(refused->result.status())) << refused->result.status();
+  EXPECT_TRUE(HasRetryInfo(refused->result.status()));
+  service.LetThrough(2);
+  ASSERT_TRUE(first->Wait(10s)->result.ok());
+  Send(*second, 2);
+  EXPECT_TRUE(second->Wait(10s)->result.ok());
+}
+
+TEST(StreamReactor, AFrameThatCanNeverFitIsToldSo) {
+  ServerOptions options = TwoWorkers();
+  options.max_admitted_bytes = 1000;
+  GatedService service(options);
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream();
+  v1::Frame* frame = stream->Acquire();
+  frame->set_frame_id(1);
+  frame->mutable_depth()->mutable_data()->assign(2000, 'x');
+  ASSERT_TRUE(stream->Submit(frame).ok());
+  const auto outcome = stream->Wait(10s);
+  ASSERT_TRUE(outcome.has_value());
+  EXPECT_TRUE(absl::IsResourceExhausted(outcome->result.status())) << outcome->result.status();
+}
+
+TEST(StreamReactor, AHalfClosedStreamAnswersWhatItHas) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream();
+  for (uint64_t id = 1; id <= 3; ++id) Send(*stream, id);
+  std::jthread opener([&service] {
+    std::this_thread::sleep_for(50ms);
+    service.LetThrough(3);
+  });
+  EXPECT_TRUE(stream->Finish(20s).ok());
+  for (uint64_t id = 1; id <= 3; ++id) {
+    const auto outcome = stream->Poll();
+    ASSERT_TRUE(outcome && outcome->result.ok());
+    EXPECT_EQ(outcome->frame_id, id);
+  }
+}
+
+TEST(StreamReactor, DrainingAnswersAllThatWasSent) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stream = client->OpenStream(InFlight(10));
+  for (uint64_t id = 1; id <= 10; ++id) Send(*stream, id);  // More than the service has slots.
+  ASSERT_TRUE(Eventually([&] { return service.started().size() == 1; }));
+  service.context().streams.Drain();
+  ASSERT_TRUE(Eventually([&] { return !stream->status().ok(); }));
+  EXPECT_TRUE(absl::IsUnavailable(stream->status())) << stream->status();
+  v1::Frame* frame = stream->Acquire();
+  EXPECT_EQ(frame, nullptr);
+  service.LetThrough(10);
+  for (uint64_t id = 1; id <= 10; ++id) {
+    const auto outcome = stream->Wait(10s);
+    ASSERT_TRUE(outcome.has_value());
+    EXPECT_TRUE(outcome->result.ok()) << outcome->result.status();
+    EXPECT_EQ(outcome->frame_id, id);
+  }
+  EXPECT_TRUE(service.context().streams.WaitUntilNone(10s));
+  frame = stream->Acquire();
+  ASSERT_NE(frame, nullptr);
+  frame->set_frame_id(11);
+  EXPECT_TRUE(absl::IsUnavailable(stream->Submit(frame)));
+}
+
+TEST(StreamReactor, AClientThatIgnoresTheDrainNoticeIsEndedAfterItsAnswers) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  const auto stub = v1::OptimizerService::NewStub(client->channel());
+  grpc::ClientContext context;
+  const auto stream = stub->OptimizeStream(&context);
+  v1::OptimizeStreamRequest request;
+  request.mutable_frame()->set_frame_id(1);
+  ASSERT_TRUE(stream->Write(request));
+  ASSERT_TRUE(Eventually([&] { return service.started().size() == 1; }));
+  service.context().streams.Drain();
+  v1::OptimizeStreamResponse response;
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_TRUE(response.draining());
+  service.context().streams.End();
+  service.LetThrough(1);
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.frame_id(), 1U);
+  EXPECT_TRUE(response.has_result());
+  EXPECT_FALSE(stream->Read(&response));
+  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_TRUE(service.context().streams.WaitUntilNone(10s));
+}
+
+TEST(StreamReactor, AStreamOpenedWhileDrainingIsAskedToEnd) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  service.context().streams.Drain();
+  const auto stream = client->OpenStream();
+  EXPECT_TRUE(Eventually([&] { return absl::IsUnavailable(stream->status()); }));
+  EXPECT_TRUE(service.context().streams.WaitUntilNone(10s));
+}
+
+// Streams that end at any moment in any way leave nothing behind.
+TEST(StreamReactor, NoStreamIsLeftWhateverItsClientDoes) {
+  ServerOptions options;
+  options.workers = 4;
+  GatedService service(options);
+  service.LetThrough(100000);
+  std::vector<std::thread> threads;
+  for (uint32_t t = 0; t < 4; ++t) {
+    threads.emplace_back([&service, t] {
+      std::mt19937 random(t);
+      const auto client = t % 2 == 0 ? service.Connect() : service.ConnectInProcess();
+      for (int round = 0; round < 60; ++round) {
+        const auto stream = client->OpenStream();
+        uint64_t id = 0;
+        for (uint32_t frames = random() % 6; frames > 0; --frames) {
+          if (v1::Frame* frame = stream->Acquire()) {
+            frame->set_frame_id(++id);
+            frame->mutable_depth()->mutable_data()->assign(random() % 20000, 'x');
+            ASSERT_TRUE(stream->Submit(frame).ok());
+          }
+          if (random() % 2 == 0) stream->Wait(std::chrono::milliseconds(random() % 3));
+        }
+        switch (random() % 3) {
+          case 0:
+            stream->Cancel();
+            break;
+          case 1:
+            EXPECT_TRUE(stream->Finish(20s).ok());
+            break;
+          default:
+            break;  // The destructor cancels.
+        }
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_TRUE(service.context().streams.WaitUntilNone(20s));
+  EXPECT_EQ(service.context().admission.jobs(), 0);
+  EXPECT_EQ(service.context().admission.bytes(), 0U);
+}
+
+TEST(UnaryReactor, ADeadlineReachesTheComputation) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  CallOptions options;
+  options.timeout = 100ms;
+  v1::Frame frame;
+  frame.set_frame_id(1);
+  EXPECT_TRUE(absl::IsDeadlineExceeded(client->Optimize(frame, options).status()));
+  EXPECT_TRUE(Eventually([&] { return service.cancelled() == 1; }));
+  EXPECT_TRUE(Eventually([&] { return service.context().admission.jobs() == 0; }));
+}
+
+TEST(UnaryReactor, ACancelReachesTheComputation) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  std::stop_source stop;
+  CallOptions options;
+  options.stop = stop.get_token();
+  std::jthread canceller([&] {
+    Eventually([&] { return service.started().size() == 1; });
+    stop.request_stop();
+  });
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_TRUE(absl::IsCancelled(client->Optimize({}, options).status()));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, 10s);
+  EXPECT_TRUE(Eventually([&] { return service.cancelled() == 1; }));
+}
+
+TEST(UnaryReactor, ABusyServiceSaysWhenToTryAgain) {
+  ServerOptions options = TwoWorkers();
+  options.max_admitted_jobs = 1;
+  GatedService service(options);
+  const auto client = service.ConnectInProcess();
+  std::jthread first([&] { EXPECT_TRUE(client->Optimize({}).ok()); });
+  ASSERT_TRUE(Eventually([&] { return service.context().admission.jobs() == 1; }));
+  const absl::Status status = client->Optimize({}).status();
+  EXPECT_TRUE(absl::IsUnavailable(status)) << status;
+  EXPECT_TRUE(HasRetryInfo(status));
+  service.LetThrough(2);
+  first.join();
+  EXPECT_TRUE(client->Optimize({}).ok());
+}
+
+TEST(UnaryReactor, TheClientTriesABusyServiceAgain) {
+  ServerOptions options = TwoWorkers();
+  options.max_admitted_jobs = 1;
+  GatedService service(options);
+  const auto client = service.Connect();
+  std::jthread first([&] { EXPECT_TRUE(client->Optimize({}).ok()); });
+  ASSERT_TRUE(Eventually([&] { return service.context().admission.jobs() == 1; }));
+  std::jthread opener([&] {
+    std::this_thread::sleep_for(1ms);
+    service.LetThrough(2);
+  });
+  EXPECT_TRUE(client->Optimize({}).ok());
+}
+
+TEST(UnaryReactor, AnExceptionIsAnInternalError) {
+  GatedService service(TwoWorkers());
+  const auto client = service.Connect();
+  service.LetThrough(2);
+  service.ThrowNext();
+  EXPECT_EQ(client->Optimize({}).status().code(), absl::StatusCode::kInternal);
+  EXPECT_TRUE(client->Optimize({}).ok());
+}
+
+}  // namespace
+}  // namespace shadowfit

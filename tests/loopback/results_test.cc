@@ -1,0 +1,140 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <thread>
+#include <vector>
+
+#include "core/fit/frame_optimizer.h"
+#include "tests/loopback/loopback.h"
+#include "tests/support/wire_frame.h"
+
+namespace shadowfit {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::MatrixBytes;
+using testing::OwnedFrame;
+using testing::RandomFrame;
+using testing::WireFrame;
+
+std::string CoreMatrices(const FrameRequest& request) {
+  FrameOptimizer optimizer;
+  FrameSummary summary;
+  const absl::Status status = optimizer.Optimize(request, {}, Cancellation(), &summary);
+  EXPECT_TRUE(status.ok()) << status;
+  return MatrixBytes(summary);
+}
+
+TEST(Results, AreCoresToTheLastBitOverEveryTransport) {
+  const testing::Loopback loopback;
+  const auto tcp = loopback.Connect();
+  const auto in_process = loopback.ConnectInProcess();
+  const auto unix_socket = Client::Connect(loopback.unix_socket());
+  ASSERT_TRUE(unix_socket.ok()) << unix_socket.status();
+  for (uint32_t seed = 0; seed < 12; ++seed) {
+    const OwnedFrame owned = RandomFrame(seed, 90, 70, 1 + static_cast<int>(seed % 5));
+    const std::string expected = CoreMatrices(owned.request);
+    ASSERT_EQ(expected.size(), owned.request.lights.size() * 16 * sizeof(double));
+    const v1::RowOrder order = seed % 2 == 0 ? v1::ROW_ORDER_BOTTOM_FIRST : v1::ROW_ORDER_TOP_FIRST;
+    const v1::Frame frame = WireFrame(seed + 1, owned.request, v1::DEPTH_ENCODING_FLOAT32, order);
+    for (Client* client : {tcp.get(), in_process.get(), unix_socket->get()}) {
+      const auto result = client->Optimize(frame);
+      ASSERT_TRUE(result.ok()) << result.status();
+      EXPECT_EQ(result->frame_id(), seed + 1);
+      EXPECT_EQ(MatrixBytes(*result), expected) << client->name();
+      for (int i = 0; i < result->lights_size(); ++i) {
+        EXPECT_EQ(result->lights(i).id(), owned.request.lights[static_cast<size_t>(i)].id);
+        EXPECT_NE(result->lights(i).outcome(), v1::FIT_OUTCOME_UNSPECIFIED);
+        EXPECT_NE(result->lights(i).sample_source(), v1::SAMPLE_SOURCE_UNSPECIFIED);
+      }
+    }
+  }
+}
+
+// A stream's memory must do what a caller without a stream does by sending the matrices along.
+TEST(Results, AStreamRemembersWhatAUnaryCallIsTold) {
+  const testing::Loopback loopback;
+  const auto client = loopback.Connect();
+  const auto stream = client->OpenStream();
+  v1::FrameResult last;
+  int kept = 0;
+  for (uint64_t id = 1; id <= 12; ++id) {
+    // The same scene and lights, the camera moving a little.
+    OwnedFrame owned = testing::WalkFrame(11, static_cast<int>(id), 90, 70, 3);
+    v1::Frame frame = WireFrame(id, owned.request);
+    frame.mutable_options()->set_method(v1::METHOD_PAPER);
+    v1::Frame* slot = stream->Acquire();
+    ASSERT_NE(slot, nullptr);
+    *slot = frame;
+    ASSERT_TRUE(stream->Submit(slot).ok());
+    const auto outcome = stream->Wait(5s);
+    ASSERT_TRUE(outcome.has_value() && outcome->result.ok());
+    for (int i = 0; i < last.lights_size(); ++i) {
+      *frame.mutable_lights(i)->mutable_previous_world_to_shadow_clip() =
+          last.lights(i).world_to_shadow_clip();
+    }
+    const auto unary = client->Optimize(frame);
+    ASSERT_TRUE(unary.ok());
+    EXPECT_EQ(MatrixBytes(*outcome->result), MatrixBytes(*unary)) << "frame " << id;
+    for (const v1::LightResult& light : unary->lights())
+      kept += light.outcome() == v1::FIT_OUTCOME_KEPT_PREVIOUS;
+    last = *unary;
+  }
+  EXPECT_GT(kept, 0) << "the walk never made use of a previous matrix: this test shows nothing";
+}
+
+TEST(Results, DoNotDependOnWhatElseRuns) {
+  constexpr int kStreams = 24;
+  constexpr uint64_t kFrames = 6;
+  ServerOptions options;
+  options.max_admitted_jobs = 4 * kStreams;
+  const testing::Loopback loopback(options);
+  std::vector<std::vector<v1::Frame>> frames(kStreams);
+  std::vector<std::vector<std::string>> expected(kStreams);
+  for (int s = 0; s < kStreams; ++s) {
+    FrameOptimizer optimizer;
+    FrameSummary summary;
+    std::vector<LightSummary> last;
+    for (uint64_t id = 1; id <= kFrames; ++id) {
+      OwnedFrame owned = testing::WalkFrame(static_cast<uint32_t>(s), static_cast<int>(id), 40, 30, 2);
+      frames[static_cast<size_t>(s)].push_back(WireFrame(id, owned.request));
+      for (size_t i = 0; i < last.size(); ++i) {
+        owned.request.lights[i].previous_clip_from_world = last[i].clip_from_world;
+      }
+      ASSERT_TRUE(optimizer.Optimize(owned.request, {}, Cancellation(), &summary).ok());
+      expected[static_cast<size_t>(s)].push_back(MatrixBytes(summary));
+      last = summary.lights;
+    }
+  }
+  std::vector<std::thread> threads;
+  std::atomic<int> equal{0};
+  const auto client = loopback.Connect();
+  for (size_t s = 0; s < kStreams; ++s) {
+    threads.emplace_back([&, s] {
+      FrameStreamOptions stream_options;
+      stream_options.frame_timeout = 60s;
+      const auto stream = client->OpenStream(stream_options);
+      size_t sent = 0;
+      size_t received = 0;
+      while (received < kFrames) {
+        if (sent < kFrames) {
+          if (v1::Frame* slot = stream->Acquire()) {
+            *slot = frames[s][sent++];
+            EXPECT_TRUE(stream->Submit(slot).ok());
+            continue;
+          }
+        }
+        const auto outcome = stream->Wait(60s);
+        if (!outcome || !outcome->result.ok()) break;
+        equal += MatrixBytes(*outcome->result) == expected[s][outcome->frame_id - 1];
+        ++received;
+      }
+      EXPECT_TRUE(stream->Finish(60s).ok());
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(equal, kStreams * static_cast<int>(kFrames));
+}
+
+}  // namespace
+}  // namespace shadowfit

@@ -1,0 +1,185 @@
+#include <google/protobuf/util/json_util.h>
+#include <gtest/gtest.h>
+
+// Behind Protobuf, whose headers need byte-swap macros that this one takes away.
+#include <OpenImageIO/imageio.h>
+#include <stdlib.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/fit/frame_optimizer.h"
+#include "shadowfit/v1/info.pb.h"
+#include "tests/process/server_process.h"
+#include "tests/support/wire_frame.h"
+
+namespace shadowfit {
+namespace {
+
+using testing::MatrixBytes;
+using testing::OwnedFrame;
+using testing::Ran;
+using testing::ServerProcess;
+
+/// A picture file of one channel, row 0 at the top.
+template <typename T>
+void WriteExr(const std::string& path, OIIO::TypeDesc type, const ImageView<T>& image) {
+  std::vector<T> pixels;
+  for (int y = image.height - 1; y >= 0; --y)
+    pixels.insert(pixels.end(), image.Row(y), image.Row(y) + image.width);
+  const auto output = OIIO::ImageOutput::create(path);
+  OIIO::ImageSpec spec(image.width, image.height, 1, type);
+  ASSERT_TRUE(output->open(path, spec)) << output->geterror();
+  ASSERT_TRUE(output->write_image(type, pixels.data())) << output->geterror();
+  ASSERT_TRUE(output->close());
+}
+
+class Commands : public ::testing::Test {
+ protected:
+  Commands() {
+    char folder[] = "/tmp/shadowfit_commands_XXXXXX";
+    folder_ = mkdtemp(folder);
+  }
+  ~Commands() override { std::filesystem::remove_all(folder_); }
+
+  /// 32 lights, so that bits need all 32 of their digits.
+  void WriteFrameFiles() {
+    owned_ = testing::RandomFrame(21, 64, 48, 32);
+    for (size_t i = 0; i < owned_.bits.size(); i += 7) owned_.bits[i] ^= 0x80000001U;
+    v1::Frame frame = testing::WireFrame(77, owned_.request);
+    frame.clear_depth();
+    frame.clear_shadow_bits();
+    std::string json;
+    ASSERT_TRUE(google::protobuf::util::MessageToJsonString(frame, &json).ok());
+    Write("frame.json", json);
+    WriteExr(Path("depth.exr"), OIIO::TypeDesc::FLOAT, owned_.request.depth);
+    WriteExr(Path("bits.exr"), OIIO::TypeDesc::UINT32, *owned_.request.bits);
+    FrameOptimizer optimizer;
+    FrameSummary summary;
+    ASSERT_TRUE(optimizer.Optimize(owned_.request, options_, Cancellation(), &summary).ok());
+    expected_ = MatrixBytes(summary);
+  }
+
+  std::string Path(const std::string& name) const { return folder_ + "/" + name; }
+  void Write(const std::string& name, const std::string& text) const { std::ofstream(Path(name)) << text; }
+  std::string Read(const std::string& name) const {
+    std::ifstream file(Path(name));
+    return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  }
+
+  std::vector<std::string> With(std::vector<std::string> program, std::vector<std::string> more) const {
+    program.insert(program.end(), {"--frame", Path("frame.json"), "--depth", Path("depth.exr"), "--bits",
+                                   Path("bits.exr"), "--out", Path("result.json")});
+    program.insert(program.end(), more.begin(), more.end());
+    return program;
+  }
+
+  void ExpectResult(const std::string& json) const {
+    v1::FrameResult result;
+    const auto parsed = google::protobuf::util::JsonStringToMessage(json, &result);
+    ASSERT_TRUE(parsed.ok()) << parsed.ToString() << "\n" << json;
+    EXPECT_EQ(result.frame_id(), 77U);
+    EXPECT_EQ(result.lights_size(), 32);
+    EXPECT_EQ(MatrixBytes(result), expected_);
+  }
+
+  std::string folder_;
+  OwnedFrame owned_;
+  Options options_;
+  std::string expected_;
+};
+
+TEST_F(Commands, OptimizeGivesCoresMatricesEmbeddedAndOverTheWire) {
+  WriteFrameFiles();
+  const Ran embedded(With({SHADOWFIT_PROGRAM, "optimize"}, {}));
+  ASSERT_EQ(embedded.code, 0) << embedded.error;
+  ExpectResult(Read("result.json"));
+  EXPECT_NE(embedded.out.find("wrong pixels"), std::string::npos) << embedded.out;
+
+  ServerProcess server;
+  std::filesystem::remove(Path("result.json"));
+  const Ran over_tcp(With({SHADOWFIT_PROGRAM, "optimize"}, {"--server", server.address(), "--json"}));
+  ASSERT_EQ(over_tcp.code, 0) << over_tcp.error;
+  ExpectResult(Read("result.json"));
+  ExpectResult(over_tcp.out);  // The document and nothing else.
+}
+
+TEST_F(Commands, OptimizeTakesTheMethodFromItsFlag) {
+  options_.method = Method::kPaper;
+  WriteFrameFiles();
+  const Ran paper(With({SHADOWFIT_PROGRAM, "optimize"}, {"--method", "paper"}));
+  ASSERT_EQ(paper.code, 0) << paper.error;
+  ExpectResult(Read("result.json"));
+  const Ran unheard(With({SHADOWFIT_PROGRAM, "optimize"}, {"--method", "unheard"}));
+  EXPECT_NE(unheard.code, 0);
+  EXPECT_NE(unheard.error.find("plane_optimal"), std::string::npos) << unheard.error;
+}
+
+#ifdef SHADOWFIT_PYTHON
+TEST_F(Commands, ThePythonScriptGivesTheSameMatrices) {
+  WriteFrameFiles();
+  ServerProcess server;
+  setenv("PYTHONPATH", SHADOWFIT_PYTHON_MODULES, 1);
+  const Ran python(
+      With({SHADOWFIT_PYTHON, SHADOWFIT_PYTHON_SCRIPT}, {"--server", server.address(), "--json"}));
+  ASSERT_EQ(python.code, 0) << python.error;
+  ExpectResult(Read("result.json"));
+  ExpectResult(python.out);
+
+  const Ran nobody(With({SHADOWFIT_PYTHON, SHADOWFIT_PYTHON_SCRIPT}, {"--server", "127.0.0.1:1"}));
+  EXPECT_EQ(nobody.code, 1);
+  EXPECT_EQ(nobody.error.find("UNAVAILABLE: 127.0.0.1:1: "), 0U) << nobody.error;
+}
+#endif
+
+TEST_F(Commands, OptimizeSaysWhatIsWrongWithItsFiles) {
+  WriteFrameFiles();
+  const auto error = [this](const std::string& flag, const std::string& file) {
+    std::vector<std::string> arguments = With({SHADOWFIT_PROGRAM, "optimize"}, {});
+    for (size_t i = 0; i + 1 < arguments.size(); ++i) {
+      if (arguments[i] == flag) arguments[i + 1] = Path(file);
+    }
+    const Ran ran(arguments);
+    EXPECT_EQ(ran.code, 1) << flag << " " << file;
+    EXPECT_EQ(ran.out, "");
+    return ran.error;
+  };
+  const auto expect = [](const std::string& text, const std::string& part) {
+    EXPECT_NE(text.find(part), std::string::npos) << text;
+  };
+  expect(error("--frame", "absent.json"), "absent.json: cannot be opened");
+  expect(error("--depth", "absent.exr"), "absent.exr");
+  Write("text.json", "{\"camera\": 5");
+  expect(error("--frame", "text.json"), "text.json: ");
+  Write("unknown.json", "{\"cammera\": {}}");
+  expect(error("--frame", "unknown.json"), "cammera");
+  Write("buffers.json", "{\"depth\": {\"width\": 1}}");
+  expect(error("--frame", "buffers.json"), "buffers.json: holds a depth or bit buffer");
+  Write("empty.json", "{}");
+  expect(error("--frame", "empty.json"), "camera: missing");
+  expect(error("--depth", "bits.exr"), "bits.exr: samples are uint, float expected");
+  expect(error("--bits", "depth.exr"), "depth.exr: samples are float, uint expected");
+  Write("noise.exr", "not a picture");
+  expect(error("--depth", "noise.exr"), "noise.exr");
+}
+
+TEST_F(Commands, InfoTellsOfAServer) {
+  ServerProcess server({"--workers", "3"});
+  const Ran json({SHADOWFIT_PROGRAM, "--json", "info", "--server", server.address()});
+  ASSERT_EQ(json.code, 0) << json.error;
+  v1::GetInfoResponse info;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(json.out, &info).ok()) << json.out;
+  EXPECT_EQ(info.limits().workers(), 3U);
+  const Ran table({SHADOWFIT_PROGRAM, "info", "--server", server.address()});
+  EXPECT_NE(table.out.find(info.version()), std::string::npos) << table.out;
+  const Ran nobody({SHADOWFIT_PROGRAM, "info", "--server", "127.0.0.1"});
+  EXPECT_EQ(nobody.code, 1);
+  EXPECT_NE(nobody.error.find("neither HOST:PORT nor unix:PATH"), std::string::npos) << nobody.error;
+}
+
+}  // namespace
+}  // namespace shadowfit

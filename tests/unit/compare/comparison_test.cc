@@ -1,0 +1,191 @@
+#include "client/compare/comparison.h"
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "client/compare/comparison_report.h"
+#include "core/reference/view_study.h"
+#include "core/scene/procedural.h"
+
+namespace shadowfit {
+namespace {
+
+namespace fs = std::filesystem;
+
+MethodVariant Variant(Method method) {
+  MethodVariant variant{std::string(MethodName(method)), {}, {100, 100}};
+  variant.options.method = method;
+  return variant;
+}
+
+ComparisonOptions SmallOptions() {
+  ComparisonOptions options;
+  options.sets = {{LightPlacement::kNear, 3}, {LightPlacement::kDirectional, 2}};
+  options.methods = {Variant(Method::kPaper), Variant(Method::kFocused)};
+  options.screen = {160, 120};
+  options.samples = {80, 60};
+  return options;
+}
+
+class ComparisonTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::path(testing::TempDir()) /
+              (std::string("comparison_") + testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::remove_all(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  std::vector<std::string> StoredLines() const {
+    std::ifstream file(folder_ / "lights.jsonl");
+    std::vector<std::string> lines;
+    for (std::string line; std::getline(file, line);) lines.push_back(line);
+    return lines;
+  }
+
+  const Scene scene_ = *MakePlaza(20'000);
+  fs::path folder_;
+};
+
+TEST_F(ComparisonTest, CountsAreThoseOfTheTruth) {
+  const ComparisonOptions options = SmallOptions();
+  int calls = 0;
+  const auto comparison = RunComparison(scene_, options, [&](int done, int total) {
+    EXPECT_EQ(done, ++calls);
+    EXPECT_EQ(total, 5);
+  });
+  ASSERT_TRUE(comparison.ok()) << comparison.status();
+  EXPECT_EQ(calls, 5);
+  ASSERT_EQ(comparison->lights.size(), 5u);
+
+  // The second light again, by hand.
+  const TruthScene truth = *TruthScene::Create(scene_);
+  ViewOptions view_options;
+  view_options.aspect = 160.0 / 120.0;
+  const Camera camera = *Camera::Create(CameraAt(PlazaStandPoint(), truth.ws_bounds(), view_options));
+  const ViewStudy view = ViewStudy::Create(truth, camera, {160, 120}, {80, 60});
+  const LightStudy study =
+      *LightStudy::Create(truth, view, PlaceLights(LightPlacement::kNear, 3, 1, truth.ws_bounds())[1]);
+  const LightRecord& record = comparison->lights[1];
+  EXPECT_EQ(record.placement, LightPlacement::kNear);
+  EXPECT_EQ(record.index, 1);
+  EXPECT_EQ(record.concerned_pixels, study.concerned_pixels);
+  EXPECT_EQ(record.shadowed_pixels, study.shadowed_pixels);
+  ASSERT_EQ(record.methods.size(), 2u);
+  for (const MethodRecord& method : record.methods) {
+    EXPECT_GT(method.milliseconds, 0.0);
+    EXPECT_GT(method.wrong_pixels, 0);
+    EXPECT_LT(method.wrong_pixels, study.concerned_pixels);
+  }
+}
+
+TEST_F(ComparisonTest, GoesOnWhereItWasInterrupted) {
+  ComparisonOptions options = SmallOptions();
+  options.folder = folder_.string();
+  const auto whole = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  std::vector<std::string> lines = StoredLines();
+  ASSERT_EQ(lines.size(), 10u);
+
+  // As if killed in the middle of the seventh line.
+  {
+    std::ofstream file(folder_ / "lights.jsonl", std::ios::trunc);
+    for (int i = 0; i < 6; ++i) file << lines[size_t(i)] << "\n";
+    file << lines[6].substr(0, 25);
+  }
+  const auto resumed = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(resumed.ok()) << resumed.status();
+  EXPECT_EQ(StoredLines().size(), 10u);
+  ASSERT_EQ(resumed->lights.size(), whole->lights.size());
+  for (size_t i = 0; i < whole->lights.size(); ++i) {
+    EXPECT_EQ(resumed->lights[i].shadowed_pixels, whole->lights[i].shadowed_pixels);
+    for (size_t m = 0; m < 2; ++m) {
+      EXPECT_EQ(resumed->lights[i].methods[m].wrong_pixels, whole->lights[i].methods[m].wrong_pixels);
+      EXPECT_EQ(resumed->lights[i].methods[m].predicted_pixels, whole->lights[i].methods[m].predicted_pixels);
+    }
+  }
+
+  // What is there is read, not counted again: a changed number comes back.
+  lines = StoredLines();
+  const std::string marker = "\"wrongPixels\":";
+  {
+    std::ofstream file(folder_ / "lights.jsonl", std::ios::trunc);
+    for (std::string& line : lines) {
+      const size_t at = line.find(marker) + marker.size();
+      file << line.replace(at, line.find_first_of(",}", at) - at, "123456") << "\n";
+    }
+  }
+  const auto read_back = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(read_back.ok());
+  EXPECT_EQ(read_back->lights[4].methods[1].wrong_pixels, 123456);
+
+  // More methods add to the folder; another study does not fit it.
+  options.methods.push_back(Variant(Method::kNormal));
+  const auto more = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(more.ok());
+  EXPECT_EQ(StoredLines().size(), 15u);
+  options.seed = 2;
+  const absl::Status other = RunComparison(scene_, options, nullptr).status();
+  EXPECT_EQ(other.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(other.message(), testing::HasSubstr("\"seed\" is 1 there, 2 here"));
+}
+
+TEST_F(ComparisonTest, ReportsHoldEveryFigure) {
+  ComparisonOptions options = SmallOptions();
+  options.methods.push_back(Variant(Method::kDefault));
+  const auto comparison = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(comparison.ok()) << comparison.status();
+  const nlohmann::json json = ReportJson(*comparison);
+  EXPECT_EQ(json.at("scene"), "plaza");
+  EXPECT_EQ(json.at("lights"), 5);
+  double sum = 0.0;
+  for (const LightRecord& light : comparison->lights) sum += light.methods[1].wrong_pixels;
+  EXPECT_DOUBLE_EQ(json.at("methods").at("focused").at("meanWrongPixels"), sum / 5.0);
+  EXPECT_EQ(json.at("methods").at("paper").at("worstTenPercent").size(), 3u);
+  EXPECT_GT(json.at("methods").at("default").at("medianMilliseconds"), 0.0);
+  EXPECT_EQ(json.at("sets").at("directional").at("lights"), 2);
+
+  const std::string markdown = ReportMarkdown(*comparison);
+  for (const char* text :
+       {"near plane at 0.2", "## near: 3 lights", "## directional: 2 lights", "## all: 5 lights",
+        "Against `paper`", "Against `default`", "| worst 10 % by focused |"}) {
+    EXPECT_THAT(markdown, testing::HasSubstr(text));
+  }
+  const std::string html = ReportHtml(*comparison);
+  EXPECT_THAT(html, testing::HasSubstr("<polyline"));
+  EXPECT_THAT(html, testing::HasSubstr("<td> all lights </td>"));
+  // Self-contained: nothing is loaded from elsewhere.
+  EXPECT_THAT(html, testing::Not(testing::HasSubstr("src=")));
+  EXPECT_THAT(html, testing::Not(testing::HasSubstr("href=")));
+}
+
+TEST_F(ComparisonTest, RefusesOptionsThatMeanNothing) {
+  const auto message = [&](auto change) {
+    ComparisonOptions options = SmallOptions();
+    change(options);
+    const absl::Status status = RunComparison(scene_, options, nullptr).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  EXPECT_THAT(message([](auto& o) { o.methods.clear(); }), testing::HasSubstr("methods: empty"));
+  EXPECT_THAT(message([](auto& o) { o.methods[1].name = "paper"; }), testing::HasSubstr("paper twice"));
+  EXPECT_THAT(message([](auto& o) { o.methods[0].map_size.width = 0; }), testing::HasSubstr("0x100"));
+  EXPECT_THAT(message([](auto& o) { o.sets.clear(); }), testing::HasSubstr("sets: empty"));
+  EXPECT_THAT(message([](auto& o) { o.sets[0].count = 0; }), testing::HasSubstr("lights: 0"));
+  EXPECT_THAT(message([](auto& o) { o.sets[1].placement = LightPlacement::kNear; }),
+              testing::HasSubstr("near twice"));
+  EXPECT_THAT(message([](auto& o) { o.screen.height = 1; }), testing::HasSubstr("screen: 160x1"));
+  EXPECT_THAT(message([](auto& o) { o.samples.width = 1 << 20; }), testing::HasSubstr("samples"));
+  EXPECT_THAT(message([](auto& o) {
+                o.stand_point = StandPoint{{0, 0, 2}, {0, 0, 2}};
+              }),
+              testing::HasSubstr("not finite"));
+  const absl::Status empty = RunComparison(Scene{}, SmallOptions(), nullptr).status();
+  EXPECT_THAT(std::string(empty.message()), testing::HasSubstr("no floor"));
+}
+
+}  // namespace
+}  // namespace shadowfit
