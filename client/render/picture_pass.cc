@@ -53,14 +53,19 @@ absl::StatusOr<PicturePass> PicturePass::Create(MapSize size) {
 }
 
 Picture PicturePass::Draw(const GpuScene& scene, const ShaderProgram& program,
-                          const ShaderProgram& sky_program, const Camera& camera,
-                          const ShadowMaps& maps) const {
+                          const ShaderProgram& sky_program, const ShaderProgram& depth_program,
+                          const Camera& camera, const ShadowMaps& maps) const {
   glBindFramebuffer(GL_FRAMEBUFFER, sample_framebuffer_.name());
   glViewport(0, 0, size_.width, size_.height);
   glEnable(GL_DEPTH_TEST);
-  glDepthFunc(GL_LEQUAL);
   glClear(GL_DEPTH_BUFFER_BIT);
 
+  // Depth first, so that each sample is shaded once: layers of foliage would otherwise cost a shading each.
+  depth_program.Use();
+  depth_program.Set("clip_from_world", glm::mat4(camera.clip_from_world()));
+  scene.DrawSurfaces(depth_program);
+
+  glDepthFunc(GL_LEQUAL);
   program.Use();
   program.Set("clip_from_world", glm::mat4(camera.clip_from_world()));
   program.Set("ws_eye", glm::vec3(camera.ws_eye()));

@@ -24,9 +24,10 @@ class PicturePass {
  public:
   static absl::StatusOr<PicturePass> Create(MapSize size);
 
-  /// `program`: surface.vert with picture.frag; `sky_program`: sky.vert with sky.frag.
+  /// `program`: surface.vert with picture.frag; `sky_program`: sky.vert with sky.frag; `depth_program`:
+  /// surface.vert with depth.frag.
   Picture Draw(const GpuScene& scene, const ShaderProgram& program, const ShaderProgram& sky_program,
-               const Camera& camera, const ShadowMaps& maps) const;
+               const ShaderProgram& depth_program, const Camera& camera, const ShadowMaps& maps) const;
 
  private:
   explicit PicturePass(MapSize size) : size_(size) {}

@@ -43,14 +43,13 @@ absl::Status CheckLight(size_t i, const LightView& view, MapSize size) {
 absl::StatusOr<Renderer::Programs> Renderer::CreatePrograms() {
   using namespace shaders;
   absl::StatusOr<ShaderProgram> depth =
-      ShaderProgram::Create({k_surface_vert}, {k_cutout_glsl, k_shadow_map_frag});
+      ShaderProgram::Create({k_surface_vert}, {k_cutout_glsl, k_depth_frag});
   if (!depth.ok()) return depth.status();
   absl::StatusOr<ShaderProgram> samples = ShaderProgram::Create(
       {k_surface_vert}, {k_cutout_glsl, k_lights_glsl, k_shadow_test_glsl, k_samples_frag});
   if (!samples.ok()) return samples.status();
   absl::StatusOr<ShaderProgram> picture = ShaderProgram::Create(
-      {k_surface_vert},
-      {k_cutout_glsl, k_lights_glsl, k_shadow_test_glsl, k_atmosphere_glsl, k_picture_frag});
+      {k_surface_vert}, {k_lights_glsl, k_shadow_test_glsl, k_atmosphere_glsl, k_picture_frag});
   if (!picture.ok()) return picture.status();
   absl::StatusOr<ShaderProgram> sky = ShaderProgram::Create({k_sky_vert}, {k_atmosphere_glsl, k_sky_frag});
   if (!sky.ok()) return sky.status();
@@ -122,7 +121,7 @@ absl::Status Renderer::DrawShadowBits(const Camera& camera, const ShadowMaps& ma
 
 absl::StatusOr<Picture> Renderer::DrawPicture(const Camera& camera, const ShadowMaps& maps) {
   context_.MakeCurrent();
-  Picture picture = picture_.Draw(scene_, programs_.picture, programs_.sky, camera, maps);
+  Picture picture = picture_.Draw(scene_, programs_.picture, programs_.sky, programs_.depth, camera, maps);
   if (absl::Status status = GlStatus("drawing a picture"); !status.ok()) return status;
   return picture;
 }

@@ -8,7 +8,7 @@ extern const char k_cutout_glsl[];
 extern const char k_lights_glsl[];
 extern const char k_shadow_test_glsl[];
 extern const char k_atmosphere_glsl[];
-extern const char k_shadow_map_frag[];
+extern const char k_depth_frag[];
 extern const char k_samples_frag[];
 extern const char k_sky_vert[];
 extern const char k_sky_frag[];

@@ -25,7 +25,7 @@ class ShadowMaps {
   /// Window depth of one map, row 0 at the bottom.
   std::vector<float> ReadDepth(int light) const;
 
-  /// Draws every light's casters with `depth_program` (surface.vert, shadow_map.frag). One light a map, of
+  /// Draws every light's casters with `depth_program` (surface.vert, depth.frag). One light a map, of
   /// its size.
   void Draw(const GpuScene& scene, const ShaderProgram& depth_program, std::span<const LightView> lights);
 

@@ -1,8 +1,11 @@
-// The final picture: diffuse surfaces under the lights, with their shadow maps, and the sky.
+// The final picture: diffuse surfaces under the lights, with their shadow maps. Drawn over the depth of the same surfaces,
+// which has the holes of cutouts cut already.
 in vec3 ws_point;
 in vec3 ws_shading_normal;
+in vec2 uv;
 
 uniform vec3 ws_eye;
+uniform bool is_cutout;
 uniform vec3 diffuse;
 uniform bool has_color_texture;
 uniform sampler2D color_texture;
@@ -13,7 +16,6 @@ void main() {
   vec3 ws_point_dx = dFdx(ws_point);
   vec3 ws_point_dy = dFdy(ws_point);
   vec3 albedo = has_color_texture ? texture(color_texture, uv).rgb : diffuse;
-  DiscardHoles();
 
   vec3 ws_normal = GeometricNormal(ws_point_dx, ws_point_dy);
   // Shading normals follow the side that is seen; leaf cards get the plane's own, which their outline contradicts least.

@@ -3,6 +3,8 @@ layout(location = 0) in vec3 in_ws_position;
 layout(location = 1) in vec3 in_ws_normal;
 layout(location = 2) in vec2 in_uv;
 
+invariant gl_Position;  // A later pass meets the depth that an earlier one left.
+
 uniform mat4 clip_from_world;
 
 out vec3 ws_point;
