@@ -60,12 +60,12 @@ Picture PicturePass::Draw(const GpuScene& scene, const ShaderProgram& program,
   glEnable(GL_DEPTH_TEST);
   glClear(GL_DEPTH_BUFFER_BIT);
 
-  // Depth first, so that each sample is shaded once: layers of foliage would otherwise cost a shading each.
+  // Depth first, so that each sample is shaded once, and with the holes of cutouts: shading draws what has this depth.
   depth_program.Use();
   depth_program.Set("clip_from_world", glm::mat4(camera.clip_from_world()));
   scene.DrawSurfaces(depth_program);
 
-  glDepthFunc(GL_LEQUAL);
+  glDepthFunc(GL_EQUAL);
   program.Use();
   program.Set("clip_from_world", glm::mat4(camera.clip_from_world()));
   program.Set("ws_eye", glm::vec3(camera.ws_eye()));
@@ -73,6 +73,7 @@ Picture PicturePass::Draw(const GpuScene& scene, const ShaderProgram& program,
   maps.Bind(program, scene);
   scene.DrawMaterials(program);
 
+  glDepthFunc(GL_LEQUAL);
   sky_program.Use();
   sky_program.Set("world_from_clip", glm::mat4(camera.world_from_clip()));
   SetAtmosphere(sky_program, maps);
