@@ -16,6 +16,7 @@ namespace shadowfit {
 
 // Declare the commands here, in alphabetical order, and call them in main.cc.
 void AddCompareCommand(CLI::App& app);
+void AddDemoCommand(CLI::App& app);
 void AddInfoCommand(CLI::App& app);
 void AddOptimizeCommand(CLI::App& app);
 

@@ -20,6 +20,7 @@ int main(int argc, char** argv) {
 
   // One line a command, in alphabetical order.
   shadowfit::AddCompareCommand(app);
+  shadowfit::AddDemoCommand(app);
   shadowfit::AddInfoCommand(app);
   shadowfit::AddOptimizeCommand(app);
 

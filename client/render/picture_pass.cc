@@ -1,7 +1,5 @@
 #include "client/render/picture_pass.h"
 
-#include <algorithm>
-
 #include "client/render/gl_context.h"
 
 namespace shadowfit {
@@ -26,21 +24,22 @@ void SetAtmosphere(const ShaderProgram& program, const ShadowMaps& maps) {
 
 }  // namespace
 
-absl::StatusOr<PicturePass> PicturePass::Create(MapSize size) {
+absl::StatusOr<PicturePass> PicturePass::Create(MapSize size, bool antialiased) {
   PicturePass pass(size);
-  GLint max_samples = 1;
-  glGetIntegerv(GL_MAX_SAMPLES, &max_samples);
-  const GLsizei samples = std::clamp(max_samples, 1, kSamplesPerPixel);
-  BindForFetch(GL_TEXTURE_2D_MULTISAMPLE, pass.samples_);
-  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, size.width, size.height, GL_TRUE);
-  BindForFetch(GL_TEXTURE_2D_MULTISAMPLE, pass.sample_depth_);
-  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_DEPTH_COMPONENT32F, size.width, size.height,
-                          GL_TRUE);
+  const GLenum target = antialiased ? GL_TEXTURE_2D_MULTISAMPLE : GL_TEXTURE_2D;
+  const auto attach = [&](const GlTexture& texture, GLint format, GLenum pixel_format, GLenum attachment) {
+    BindForFetch(target, texture);
+    if (antialiased) {
+      glTexImage2DMultisample(target, kSamplesPerPixel, static_cast<GLenum>(format), size.width, size.height,
+                              GL_TRUE);
+    } else {
+      glTexImage2D(target, 0, format, size.width, size.height, 0, pixel_format, GL_FLOAT, nullptr);
+    }
+    glFramebufferTexture2D(GL_FRAMEBUFFER, attachment, target, texture.name(), 0);
+  };
   glBindFramebuffer(GL_FRAMEBUFFER, pass.sample_framebuffer_.name());
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D_MULTISAMPLE,
-                         pass.samples_.name(), 0);
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D_MULTISAMPLE,
-                         pass.sample_depth_.name(), 0);
+  attach(pass.samples_, GL_RGBA8, GL_RGBA, GL_COLOR_ATTACHMENT0);
+  attach(pass.sample_depth_, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_DEPTH_ATTACHMENT);
   if (absl::Status status = CheckFramebuffer("pictures"); !status.ok()) return status;
 
   BindForFetch(GL_TEXTURE_2D, pass.color_);
@@ -60,7 +59,8 @@ Picture PicturePass::Draw(const GpuScene& scene, const ShaderProgram& program,
   glEnable(GL_DEPTH_TEST);
   glClear(GL_DEPTH_BUFFER_BIT);
 
-  // Depth first, so that each sample is shaded once, and with the holes of cutouts: shading draws what has this depth.
+  // Depth first, so that each sample is shaded once, and with the holes of cutouts: shading draws what has
+  // this depth.
   depth_program.Use();
   depth_program.Set("clip_from_world", glm::mat4(camera.clip_from_world()));
   scene.DrawSurfaces(depth_program);

@@ -22,7 +22,9 @@ struct Picture {
 /// The shading pass: the scene under its lights, with their shadow maps, and the sky.
 class PicturePass {
  public:
-  static absl::StatusOr<PicturePass> Create(MapSize size);
+  /// `antialiased`: several samples a pixel, so that poles and rails are not jagged. Shadows are tested once
+  /// a pixel either way.
+  static absl::StatusOr<PicturePass> Create(MapSize size, bool antialiased);
 
   /// `program`: surface.vert with picture.frag; `sky_program`: sky.vert with sky.frag; `depth_program`:
   /// surface.vert with depth.frag.
@@ -33,7 +35,7 @@ class PicturePass {
   explicit PicturePass(MapSize size) : size_(size) {}
 
   MapSize size_;
-  GlTexture samples_;  // Several samples a pixel, so that poles and rails are not jagged.
+  GlTexture samples_;
   GlTexture sample_depth_;
   GlFramebuffer sample_framebuffer_;
   GlTexture color_;

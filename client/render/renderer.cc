@@ -70,22 +70,26 @@ absl::StatusOr<std::unique_ptr<Renderer>> Renderer::Create(const Scene& scene,
   if (!samples.ok()) return samples.status();
   absl::StatusOr<SamplePass> screen_samples = SamplePass::Create(options.screen);
   if (!screen_samples.ok()) return screen_samples.status();
-  absl::StatusOr<PicturePass> picture = PicturePass::Create(options.screen);
+  absl::StatusOr<PicturePass> picture = PicturePass::Create(options.screen, false);
   if (!picture.ok()) return picture.status();
-  return std::unique_ptr<Renderer>(new Renderer(*std::move(context), options, *std::move(gpu_scene),
-                                                *std::move(programs), *std::move(samples),
-                                                *std::move(screen_samples), *std::move(picture)));
+  absl::StatusOr<PicturePass> smooth_picture = PicturePass::Create(options.screen, true);
+  if (!smooth_picture.ok()) return smooth_picture.status();
+  return std::unique_ptr<Renderer>(new Renderer(
+      *std::move(context), options, *std::move(gpu_scene), *std::move(programs), *std::move(samples),
+      *std::move(screen_samples), *std::move(picture), *std::move(smooth_picture)));
 }
 
 Renderer::Renderer(GlContext context, RendererOptions options, GpuScene scene, Programs programs,
-                   SamplePass samples, SamplePass screen_samples, PicturePass picture)
+                   SamplePass samples, SamplePass screen_samples, PicturePass picture,
+                   PicturePass smooth_picture)
     : context_(std::move(context)),
       options_(options),
       scene_(std::move(scene)),
       programs_(std::move(programs)),
       samples_(std::move(samples)),
       screen_samples_(std::move(screen_samples)),
-      picture_(std::move(picture)) {}
+      picture_(std::move(picture)),
+      smooth_picture_(std::move(smooth_picture)) {}
 
 Renderer::~Renderer() { context_.MakeCurrent(); }
 
@@ -119,9 +123,11 @@ absl::Status Renderer::DrawShadowBits(const Camera& camera, const ShadowMaps& ma
   return GlStatus("drawing shadow bits");
 }
 
-absl::StatusOr<Picture> Renderer::DrawPicture(const Camera& camera, const ShadowMaps& maps) {
+absl::StatusOr<Picture> Renderer::DrawPicture(const Camera& camera, const ShadowMaps& maps,
+                                              bool antialiased) {
   context_.MakeCurrent();
-  Picture picture = picture_.Draw(scene_, programs_.picture, programs_.sky, programs_.depth, camera, maps);
+  const PicturePass& pass = antialiased ? smooth_picture_ : picture_;
+  Picture picture = pass.Draw(scene_, programs_.picture, programs_.sky, programs_.depth, camera, maps);
   if (absl::Status status = GlStatus("drawing a picture"); !status.ok()) return status;
   return picture;
 }

@@ -46,7 +46,8 @@ class Renderer {
   /// The same at the screen's resolution: which pixels of the picture each map shadows.
   absl::Status DrawShadowBits(const Camera& camera, const ShadowMaps& maps, SampleBuffers* buffers);
 
-  absl::StatusOr<Picture> DrawPicture(const Camera& camera, const ShadowMaps& maps);
+  /// `antialiased` smooths the outlines of surfaces, not those of shadows, and takes some four times as long.
+  absl::StatusOr<Picture> DrawPicture(const Camera& camera, const ShadowMaps& maps, bool antialiased = false);
 
   const Bounds& ws_bounds() const { return scene_.ws_bounds(); }
   const RendererOptions& options() const { return options_; }
@@ -59,7 +60,7 @@ class Renderer {
     ShaderProgram sky;
   };
   Renderer(GlContext context, RendererOptions options, GpuScene scene, Programs programs, SamplePass samples,
-           SamplePass screen_samples, PicturePass picture);
+           SamplePass screen_samples, PicturePass picture, PicturePass smooth_picture);
   static absl::StatusOr<Programs> CreatePrograms();
 
   GlContext context_;  // First, so that it outlives what was made in it.
@@ -69,6 +70,7 @@ class Renderer {
   SamplePass samples_;
   SamplePass screen_samples_;
   PicturePass picture_;
+  PicturePass smooth_picture_;
 };
 
 }  // namespace shadowfit

@@ -40,6 +40,7 @@ absl::StatusOr<ShadowMaps> ShadowMaps::Create(std::span<const MapSize> sizes) {
   glFramebufferTextureLayer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, maps.depth_.name(), 0, 0);
   glDrawBuffer(GL_NONE);
   glReadBuffer(GL_NONE);
+  maps.block_.Upload({});
   if (absl::Status status = CheckFramebuffer("shadow maps"); !status.ok()) return status;
   if (absl::Status status = GlStatus("making shadow maps"); !status.ok()) return status;
   return maps;

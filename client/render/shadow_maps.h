@@ -18,7 +18,7 @@ class ShadowMaps {
  public:
   static absl::StatusOr<ShadowMaps> Create(std::span<const MapSize> sizes);
 
-  /// What the maps hold; empty before they are drawn.
+  /// What the maps hold; empty before they are drawn, and then no light shines.
   std::span<const LightView> lights() const { return lights_; }
   std::span<const MapSize> sizes() const { return sizes_; }
 

@@ -1,0 +1,262 @@
+#include "client/demo/demo.h"
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_format.h"
+#include "client/demo/frame_loop.h"
+#include "client/demo/picture_files.h"
+#include "client/demo/report.h"
+#include "client/render/renderer.h"
+#include "core/reference/shadow_map_test.h"
+#include "core/reference/truth_scene.h"
+
+namespace shadowfit {
+namespace {
+
+namespace fs = std::filesystem;
+using SteadyClock = std::chrono::steady_clock;
+
+double MillisecondsSince(SteadyClock::time_point start) {
+  return std::chrono::duration<double, std::milli>(SteadyClock::now() - start).count();
+}
+
+/// The methods that are compared: what a renderer does without the service, and what the service offers.
+struct ComparedMethod {
+  const char* name;
+  v1::Method method;
+  bool from_service;
+};
+constexpr ComparedMethod kMethods[] = {{"normal", v1::METHOD_NORMAL, false},
+                                       {"focused", v1::METHOD_FOCUSED, false},
+                                       {"paper", v1::METHOD_PAPER, true},
+                                       {"default", v1::METHOD_DEFAULT, true}};
+constexpr size_t kBefore = 1;
+constexpr size_t kAfter = 3;
+
+class Demo {
+ public:
+  Demo(const Scene& scene, Client& client, const DemoOptions& options, fs::path out)
+      : scene_(scene), client_(client), options_(options), out_(std::move(out)) {}
+
+  absl::StatusOr<DemoResult> Run(const std::function<void()>& on_frame) {
+    if (absl::Status status = Prepare(); !status.ok()) return status;
+    // The first frame stands still until answers arrive, as a viewer would who has just entered.
+    for (size_t m = 0; m < loops_.size(); ++m) {
+      for (int i = 0; i <= loops_[m]->options().latency; ++i) {
+        const absl::StatusOr<FrameTrace> trace = loops_[m]->Step(walk_.cameras[0]);
+        if (!trace.ok()) return trace.status();
+      }
+    }
+    for (size_t frame = 0; frame < walk_.cameras.size(); ++frame) {
+      if (absl::Status status = RunFrame(frame); !status.ok()) return status;
+      on_frame();
+    }
+    if (absl::Status status = WriteResults(); !status.ok()) return status;
+    return std::move(result_);
+  }
+
+ private:
+  absl::Status Prepare() {
+    if (options_.frames < 1 || options_.frames > 100'000) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("frames: %d, 1 to 100000 are accepted", options_.frames));
+    }
+    if (options_.lights < 1 || options_.lights > kMaxLights) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("lights: %d, 1 to %d are accepted", options_.lights, kMaxLights));
+    }
+    std::error_code error;
+    fs::create_directories(out_ / "frames", error);
+    if (error) return absl::UnavailableError(absl::StrFormat("%s: %s", out_.string(), error.message()));
+
+    RendererOptions renderer_options;
+    renderer_options.screen = options_.screen;
+    absl::StatusOr<std::unique_ptr<Renderer>> renderer = Renderer::Create(scene_, renderer_options);
+    if (!renderer.ok()) return renderer.status();
+    renderer_ = *std::move(renderer);
+    absl::StatusOr<TruthScene> truth = TruthScene::Create(scene_);
+    if (!truth.ok()) return truth.status();
+    truth_ = *std::move(truth);
+
+    walk_ = PlanWalk(scene_, options_.frames, options_.lights,
+                     static_cast<double>(options_.screen.width) / options_.screen.height);
+    result_.scene = scene_.name;
+    for (const SceneLight& light : walk_.lights) {
+      absl::StatusOr<RaySpace> ray_space = RaySpace::Create(light.light);
+      if (!ray_space.ok()) return ray_space.status();
+      ray_spaces_.push_back(*std::move(ray_space));
+      result_.light_names.push_back(light.name);
+    }
+    for (const ComparedMethod& method : kMethods) {
+      FrameLoopOptions loop_options;
+      loop_options.method = method.method;
+      loop_options.map_size = options_.map_size;
+      if (method.from_service) {
+        loop_options.latency = options_.latency;
+      } else {
+        loop_options.latency = 0;
+        loop_options.guard_band = 0.0;
+        loop_options.standard_maps_every = 0;  // These methods do not look at bits.
+      }
+      FrameStreamOptions stream_options;
+      stream_options.max_in_flight = loop_options.latency + 1;
+      stream_options.frame_timeout = std::chrono::seconds(30);
+      absl::StatusOr<std::unique_ptr<FrameLoop>> loop =
+          FrameLoop::Create(renderer_.get(), walk_.lights, client_.OpenStream(stream_options), loop_options);
+      if (!loop.ok()) return loop.status();
+      loops_.push_back(*std::move(loop));
+      MethodRecord record;
+      record.name = method.name;
+      record.latency = loop_options.latency;
+      result_.records.push_back(std::move(record));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status RunFrame(size_t frame) {
+    const CameraMatrices& matrices = walk_.cameras[frame];
+    const absl::StatusOr<Camera> camera = Camera::Create(matrices);
+    if (!camera.ok()) return camera.status();
+    const VisibleSurface surface =
+        truth_->RenderSurface(*camera, options_.screen.width, options_.screen.height);
+    std::vector<ShadowMask> truth;
+    for (const RaySpace& ray_space : ray_spaces_) truth.push_back(truth_->TrueShadow(surface, ray_space));
+
+    std::optional<ReportFrame> report;
+    if (IsReported(frame)) report.emplace(ReportFrame{static_cast<int>(frame), {}, {}, {}, 0, 0});
+    std::vector<uint8_t> wrong_before(surface.size(), 0);
+    for (size_t m = 0; m < loops_.size(); ++m) {
+      FrameLoop& loop = *loops_[m];
+      MethodRecord& record = result_.records[m];
+      const SteadyClock::time_point start = SteadyClock::now();
+      absl::StatusOr<FrameTrace> trace = loop.Step(matrices);
+      if (!trace.ok()) return trace.status();
+      const SteadyClock::time_point picture_start = SteadyClock::now();
+      absl::StatusOr<Picture> picture = renderer_->DrawPicture(*camera, loop.maps());
+      if (!picture.ok()) return picture.status();
+      record.picture_ms.push_back(MillisecondsSince(picture_start));
+      record.frame_ms.push_back(MillisecondsSince(start));
+      AddTimes(*trace, &record);
+      AddMatrices(loop.maps(), &record);
+
+      std::vector<uint8_t> wrong(surface.size(), 0);
+      if (absl::Status status = CountWrong(surface, truth, loop.maps(), &record, &wrong); !status.ok())
+        return status;
+      if (m == kAfter) {
+        const fs::path file = out_ / "frames" / absl::StrFormat("%03d.png", frame);
+        if (absl::Status status = WritePng(file, *picture); !status.ok()) return status;
+      }
+      if (!report || (m != kBefore && m != kAfter)) continue;
+      absl::StatusOr<Picture> smooth = renderer_->DrawPicture(*camera, loop.maps(), /*antialiased=*/true);
+      if (!smooth.ok()) return smooth.status();
+      (m == kBefore ? report->before : report->after) = *std::move(smooth);
+      (m == kBefore ? report->wrong_before : report->wrong_after) = record.FrameTotal(frame);
+      if (m == kBefore) {
+        wrong_before = wrong;
+      } else {
+        report->difference = DifferencePicture(report->after, wrong_before, wrong);
+      }
+    }
+    if (report) report_frames_.push_back(*std::move(report));
+    return absl::OkStatus();
+  }
+
+  /// Evenly spread over the walk, first and last frame among them.
+  bool IsReported(size_t frame) const {
+    const int shown = std::min(options_.report_pictures, options_.frames);
+    for (int i = 0; i < shown; ++i) {
+      const int at = shown > 1 ? i * (options_.frames - 1) / (shown - 1) : 0;
+      if (frame == static_cast<size_t>(at)) return true;
+    }
+    return false;
+  }
+
+  static void AddTimes(const FrameTrace& trace, MethodRecord* record) {
+    record->samples_ms.push_back(trace.samples_ms);
+    record->wait_ms.push_back(trace.wait_ms);
+    record->shadow_maps_ms.push_back(trace.shadow_maps_ms);
+    if (trace.round_trip_ms) record->round_trip_ms.push_back(*trace.round_trip_ms);
+    record->optimize_ms.insert(record->optimize_ms.end(), trace.optimize_ms.begin(), trace.optimize_ms.end());
+  }
+
+  static void AddMatrices(const ShadowMaps& maps, MethodRecord* record) {
+    std::vector<std::array<double, 16>>& of_frame = record->matrices.emplace_back();
+    for (const LightView& view : maps.lights()) {
+      std::array<double, 16>& entries = of_frame.emplace_back();
+      for (int entry = 0; entry < 16; ++entry) {
+        entries[static_cast<size_t>(entry)] = view.clip_from_world[entry / 4][entry % 4];
+      }
+    }
+  }
+
+  /// The exact map test with the very matrices that the maps were drawn with.
+  absl::Status CountWrong(const VisibleSurface& surface, const std::vector<ShadowMask>& truth,
+                          const ShadowMaps& maps, MethodRecord* record, std::vector<uint8_t>* wrong) const {
+    std::vector<int>& counts = record->wrong_pixels.emplace_back();
+    for (size_t light = 0; light < ray_spaces_.size(); ++light) {
+      const LightView& view = maps.lights()[light];
+      ShadowProjection projection;
+      if (!ProjectionFromClip(ray_spaces_[light], view.clip_from_world, view.map_size, &projection)) {
+        return absl::InternalError(absl::StrFormat(
+            "%s, light %d: the matrix in the answer is not this light's", record->name, light));
+      }
+      const absl::StatusOr<ShadowMask> mask =
+          ShadowFromMaps(*truth_, surface, truth[light], ray_spaces_[light], std::span(&projection, 1));
+      if (!mask.ok()) return mask.status();
+      int count = 0;
+      for (size_t i = 0; i < mask->size(); ++i) {
+        if ((*mask)[i] == truth[light][i]) continue;
+        ++count;
+        (*wrong)[i] = 1;
+      }
+      counts.push_back(count);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status WriteResults() const {
+    const auto write = [&](const char* name, const std::string& text) -> absl::Status {
+      std::ofstream file(out_ / name, std::ios::binary);
+      file << text;
+      if (!file.flush())
+        return absl::UnavailableError(absl::StrFormat("%s: cannot be written", (out_ / name).string()));
+      return absl::OkStatus();
+    };
+    if (absl::Status status = write("matrices.json", MatricesJson(result_.scene, result_.records).dump());
+        !status.ok()) {
+      return status;
+    }
+    const absl::StatusOr<std::string> html =
+        ReportHtml(result_.scene, result_.light_names, result_.records, options_.map_size, report_frames_,
+                   result_.records[kBefore].name, result_.records[kAfter].name);
+    if (!html.ok()) return html.status();
+    return write("report.html", *html);
+  }
+
+  const Scene& scene_;
+  Client& client_;
+  const DemoOptions options_;
+  const fs::path out_;
+  Walk walk_;
+  std::unique_ptr<Renderer> renderer_;
+  std::optional<TruthScene> truth_;
+  std::vector<RaySpace> ray_spaces_;
+  std::vector<std::unique_ptr<FrameLoop>> loops_;  // One a method; they die before the renderer.
+  std::vector<ReportFrame> report_frames_;
+  DemoResult result_;
+};
+
+}  // namespace
+
+absl::StatusOr<DemoResult> RunDemo(const Scene& scene, Client& client, const DemoOptions& options,
+                                   const fs::path& out, const std::function<void()>& on_frame) {
+  return Demo(scene, client, options, out).Run(on_frame);
+}
+
+}  // namespace shadowfit

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <array>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace shadowfit {
+
+/// What one method did over a walk.
+struct MethodRecord {
+  std::string name;
+  int latency = 0;  ///< Frames between what the service saw and what was drawn with it.
+  std::vector<std::vector<int>> wrong_pixels;  ///< [frame][light], against shadow rays.
+  std::vector<double> optimize_ms;             ///< One a light and frame.
+  std::vector<double> round_trip_ms;           ///< One a frame.
+  std::vector<double> frame_ms;                ///< The whole frame without picture files and truth.
+  std::vector<double> samples_ms;
+  std::vector<double> wait_ms;
+  std::vector<double> shadow_maps_ms;
+  std::vector<double> picture_ms;
+  std::vector<std::vector<std::array<double, 16>>> matrices;  ///< [frame][light], column-major.
+
+  int FrameTotal(size_t frame) const;
+  double MeanOfLight(size_t light) const;
+  double MeanPerLight() const;  ///< Mean over frames and lights.
+  double MeanPerFrame() const;  ///< Mean over frames of the sum over lights.
+};
+
+/// Value below which a share of the values lies (nearest rank); 0 without values.
+double Percentile(std::vector<double> values, double share);
+
+/// Mean wrong pixels of `record` over the tenth of all (frame, light) pairs that `ranked_by` gets most wrong:
+/// the papers' question how a method does where another one fails.
+double WorstTenPercent(const MethodRecord& record, const MethodRecord& ranked_by);
+
+/// The document that `demo --json` prints.
+nlohmann::json DemoJson(const std::string& scene, const std::vector<std::string>& light_names,
+                        const std::vector<MethodRecord>& records);
+
+/// The table for people.
+std::string DemoTable(const std::vector<std::string>& light_names, const std::vector<MethodRecord>& records);
+
+/// All matrices, exact to the last bit, so that two runs can be compared.
+nlohmann::json MatricesJson(const std::string& scene, const std::vector<MethodRecord>& records);
+
+}  // namespace shadowfit

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/render/picture_pass.h"
+
+namespace shadowfit {
+
+absl::Status WritePng(const std::filesystem::path& file, const Picture& picture);
+
+/// A JPEG file's bytes.
+absl::StatusOr<std::string> EncodeJpeg(const Picture& picture);
+
+}  // namespace shadowfit

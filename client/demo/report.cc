@@ -1,0 +1,218 @@
+#include "client/demo/report.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include "client/demo/picture_files.h"
+
+namespace shadowfit {
+namespace {
+
+constexpr const char* kColors[] = {"#8d6e63", "#d9534f", "#e0a030", "#2f7fd0",
+                                   "#5a9e4b", "#8b5fbf", "#555555"};
+
+std::string Escaped(const std::string& text) {
+  return absl::StrReplaceAll(text, {{"&", "&amp;"}, {"<", "&lt;"}, {">", "&gt;"}, {"\"", "&quot;"}});
+}
+
+absl::StatusOr<std::string> DataUrl(const Picture& picture) {
+  const absl::StatusOr<std::string> jpeg = EncodeJpeg(picture);
+  if (!jpeg.ok()) return jpeg.status();
+  return absl::StrCat("data:image/jpeg;base64,", absl::Base64Escape(*jpeg));
+}
+
+/// A round number not below `value`, for the top of an axis.
+double AxisTop(double value) {
+  if (!(value > 0.0)) return 1.0;
+  const double power = std::pow(10.0, std::floor(std::log10(value)));
+  for (const double step : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0}) {
+    if (step * power >= value) return step * power;
+  }
+  return 10.0 * power;
+}
+
+/// Curves of one quantity over the frames, a line a method. `value(record, frame)`.
+template <typename Value>
+std::string Curves(const std::string& title, const std::vector<MethodRecord>& records, int width, int height,
+                   const Value& value) {
+  constexpr int kLeft = 52;
+  constexpr int kBottom = 24;
+  constexpr int kTop = 26;
+  const size_t frames = records[0].wrong_pixels.size();
+  double largest = 0.0;
+  for (const MethodRecord& record : records) {
+    for (size_t frame = 0; frame < frames; ++frame) largest = std::max(largest, value(record, frame));
+  }
+  const double top = AxisTop(largest);
+  const auto x = [&](size_t frame) {
+    return kLeft + (width - kLeft - 8.0) *
+                       (frames > 1 ? static_cast<double>(frame) / static_cast<double>(frames - 1) : 0.5);
+  };
+  const auto y = [&](double v) { return height - kBottom - (height - kBottom - kTop) * v / top; };
+  std::string svg =
+      absl::StrFormat("<svg viewBox=\"0 0 %d %d\" role=\"img\"><text x=\"%d\" y=\"16\" class=\"t\">%s</text>",
+                      width, height, kLeft, Escaped(title));
+  for (int i = 0; i <= 4; ++i) {
+    const double v = top * i / 4;
+    absl::StrAppendFormat(&svg,
+                          "<line x1=\"%d\" x2=\"%d\" y1=\"%.1f\" y2=\"%.1f\" class=\"g\"/>"
+                          "<text x=\"%d\" y=\"%.1f\" class=\"a\" text-anchor=\"end\">%.0f</text>",
+                          kLeft, width - 8, y(v), y(v), kLeft - 6, y(v) + 4, v);
+  }
+  absl::StrAppendFormat(&svg, "<text x=\"%d\" y=\"%d\" class=\"a\">frame 0</text>", kLeft, height - 6);
+  absl::StrAppendFormat(&svg, "<text x=\"%d\" y=\"%d\" class=\"a\" text-anchor=\"end\">%d</text>", width - 8,
+                        height - 6, frames - 1);
+  for (size_t m = 0; m < records.size(); ++m) {
+    absl::StrAppendFormat(&svg, "<polyline fill=\"none\" stroke-width=\"2\" stroke=\"%s\" points=\"",
+                          kColors[m % std::size(kColors)]);
+    for (size_t frame = 0; frame < frames; ++frame) {
+      absl::StrAppendFormat(&svg, "%.1f,%.1f ", x(frame), y(value(records[m], frame)));
+    }
+    absl::StrAppend(&svg, "\"/>");
+  }
+  return absl::StrCat(svg, "</svg>");
+}
+
+std::string Legend(const std::vector<MethodRecord>& records) {
+  std::string html = "<p class=\"legend\">";
+  for (size_t m = 0; m < records.size(); ++m) {
+    absl::StrAppendFormat(&html, "<span><i style=\"background:%s\"></i>%s</span>",
+                          kColors[m % std::size(kColors)], Escaped(records[m].name));
+  }
+  return absl::StrCat(html, "</p>");
+}
+
+std::string WrongPixelTable(const std::vector<std::string>& light_names,
+                            const std::vector<MethodRecord>& records) {
+  std::string html = "<table><tr><th>method</th>";
+  for (const std::string& name : light_names) absl::StrAppendFormat(&html, "<th>%s</th>", Escaped(name));
+  absl::StrAppend(
+      &html, "<th>all lights</th><th>matrices from</th><th>optimizer, ms a light</th><th>frames/s</th></tr>");
+  for (const MethodRecord& record : records) {
+    absl::StrAppendFormat(&html, "<tr><td>%s</td>", Escaped(record.name));
+    for (size_t light = 0; light < light_names.size(); ++light) {
+      absl::StrAppendFormat(&html, "<td>%.0f</td>", record.MeanOfLight(light));
+    }
+    absl::StrAppendFormat(
+        &html, "<td><b>%.0f</b></td><td>%s</td><td>%.3f</td><td>%.1f</td></tr>", record.MeanPerFrame(),
+        record.latency == 0 ? "the same frame" : absl::StrFormat("%d frames before", record.latency),
+        Percentile(record.optimize_ms, 0.5), 1e3 / Percentile(record.frame_ms, 0.5));
+  }
+  return absl::StrCat(html, "</table>");
+}
+
+constexpr char kHead[] = R"(<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>shadowfit</title><style>
+:root{color-scheme:light dark}
+body{font:16px/1.5 system-ui,sans-serif;max-width:1060px;margin:2rem auto;padding:0 1rem}
+h1,h2{line-height:1.2}h2{margin-top:2.5rem}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+td,th{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #8884}td:first-child,th:first-child{text-align:left}
+.legend span{margin-right:1.2rem}.legend i{display:inline-block;width:1.4em;height:.35em;margin-right:.4em;vertical-align:middle}
+svg{width:100%;height:auto}svg text{fill:currentColor}.t{font:600 13px system-ui}.a{font:11px system-ui}.g{stroke:#8884}
+.grid{display:grid;grid-template-columns:1fr 1fr;gap:0 1rem}
+.pair{position:relative;line-height:0;user-select:none}.pair img{width:100%;display:block}
+.pair .before{position:absolute;inset:0;clip-path:inset(0 calc(100% - var(--at,50%)) 0 0)}
+.pair::after{content:"";position:absolute;top:0;bottom:0;left:var(--at,50%);width:2px;background:#fff;box-shadow:0 0 3px #000}
+.pair input{position:absolute;inset:0;width:100%;height:100%;opacity:0;cursor:ew-resize;margin:0}
+.pair b{position:absolute;top:.6rem;font:600 13px/1 system-ui;color:#fff;background:#0009;padding:.4em .6em;border-radius:3px;pointer-events:none}
+.pair b.l{left:.6rem}.pair b.r{right:.6rem}
+img.diff{width:100%;margin-top:.5rem}
+</style></head><body>
+)";
+
+constexpr char kTail[] = R"(<script>
+for (const pair of document.querySelectorAll('.pair'))
+  pair.querySelector('input').addEventListener('input', e => pair.style.setProperty('--at', e.target.value + '%'));
+</script></body></html>
+)";
+
+}  // namespace
+
+Picture DifferencePicture(const Picture& picture, const std::vector<uint8_t>& wrong_before,
+                          const std::vector<uint8_t>& wrong_after) {
+  Picture difference{picture.width, picture.height, {}};
+  difference.rgb.reserve(picture.rgb.size());
+  for (size_t i = 0; i < wrong_before.size(); ++i) {
+    const uint8_t* p = &picture.rgb[3 * i];
+    const auto grey = static_cast<uint8_t>((p[0] * 2 + p[1] * 5 + p[2]) / 8 / 3);
+    if (wrong_before[i] != 0 && wrong_after[i] != 0) {
+      difference.rgb.insert(difference.rgb.end(), {255, 255, 255});
+    } else if (wrong_before[i] != 0) {
+      difference.rgb.insert(difference.rgb.end(), {255, 70, 50});
+    } else if (wrong_after[i] != 0) {
+      difference.rgb.insert(difference.rgb.end(), {70, 160, 255});
+    } else {
+      difference.rgb.insert(difference.rgb.end(), {grey, grey, grey});
+    }
+  }
+  return difference;
+}
+
+absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
+                                       const std::vector<MethodRecord>& records, MapSize map_size,
+                                       const std::vector<ReportFrame>& frames, const std::string& before_name,
+                                       const std::string& after_name) {
+  std::string html = kHead;
+  absl::StrAppendFormat(
+      &html,
+      "<h1>shadowfit: %s</h1><p>A walk of %d frames under %d lights, one %dx%d shadow map each. A pixel "
+      "is wrong where the shadow map's answer differs from a shadow ray's.%s</p>",
+      Escaped(scene), records[0].wrong_pixels.size(), light_names.size(), map_size.width, map_size.height,
+      scene == "sterngarten" ? " The scene is the Sterngarten in Vienna, &copy; Georg Zotti, "
+                               "<a href=\"https://creativecommons.org/licenses/by-sa/4.0/\">CC BY-SA "
+                               "4.0</a>; so are these pictures of it."
+                             : "");
+  absl::StrAppend(&html, "<h2>Wrong pixels, mean of all frames</h2>", WrongPixelTable(light_names, records));
+  const std::vector<double> round_trips = [&] {
+    std::vector<double> all;
+    for (const MethodRecord& r : records) {
+      if (r.latency > 0) all.insert(all.end(), r.round_trip_ms.begin(), r.round_trip_ms.end());
+    }
+    return all;
+  }();
+  absl::StrAppendFormat(&html, "<p>Round trip to the service: median %.2f ms, 95 %% within %.2f ms.</p>",
+                        Percentile(round_trips, 0.5), Percentile(round_trips, 0.95));
+
+  absl::StrAppend(
+      &html, "<h2>Over the frames</h2>", Legend(records),
+      Curves("wrong pixels, all lights", records, 1000, 320,
+             [](const MethodRecord& r, size_t frame) { return static_cast<double>(r.FrameTotal(frame)); }),
+      "<div class=\"grid\">");
+  for (size_t light = 0; light < light_names.size(); ++light) {
+    absl::StrAppend(
+        &html, Curves(light_names[light], records, 500, 200, [light](const MethodRecord& r, size_t frame) {
+          return static_cast<double>(r.wrong_pixels[frame][light]);
+        }));
+  }
+  absl::StrAppend(&html, "</div>");
+
+  absl::StrAppendFormat(
+      &html,
+      "<h2>Before and after</h2><p>Drag across a picture. Below it, the wrong pixels: red where only %s is "
+      "wrong, blue where only %s is, white where both are.</p>",
+      Escaped(before_name), Escaped(after_name));
+  for (const ReportFrame& frame : frames) {
+    const absl::StatusOr<std::string> before = DataUrl(frame.before);
+    if (!before.ok()) return before.status();
+    const absl::StatusOr<std::string> after = DataUrl(frame.after);
+    if (!after.ok()) return after.status();
+    const absl::StatusOr<std::string> difference = DataUrl(frame.difference);
+    if (!difference.ok()) return difference.status();
+    absl::StrAppendFormat(&html, "<h3>Frame %d: %d wrong pixels before, %d after</h3>", frame.frame,
+                          frame.wrong_before, frame.wrong_after);
+    absl::StrAppend(&html, "<div class=\"pair\"><img alt=\"after\" src=\"", *after,
+                    "\"><img class=\"before\" alt=\"before\" src=\"", *before, "\"><b class=\"l\">",
+                    Escaped(before_name), "</b><b class=\"r\">", Escaped(after_name),
+                    "</b><input type=\"range\" aria-label=\"before and after\" value=\"50\"></div>");
+    absl::StrAppend(&html, "<img class=\"diff\" alt=\"wrong pixels\" src=\"", *difference, "\">");
+  }
+  return absl::StrCat(html, kTail);
+}
+
+}  // namespace shadowfit

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/demo/method_record.h"
+#include "client/render/picture_pass.h"
+#include "core/math/shadow_projection.h"
+
+namespace shadowfit {
+
+/// One frame as the report shows it.
+struct ReportFrame {
+  int frame = 0;
+  Picture before;
+  Picture after;
+  Picture difference;
+  int wrong_before = 0;  ///< Wrong pixels of all lights.
+  int wrong_after = 0;
+};
+
+/// A dimmed picture on which wrong pixels stand out: red where only `before` is wrong, blue where only
+/// `after` is, white where both are.
+Picture DifferencePicture(const Picture& picture, const std::vector<uint8_t>& wrong_before,
+                          const std::vector<uint8_t>& wrong_after);
+
+/// A page that needs no other file: tables, curves over the frames, pictures before and after.
+absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
+                                       const std::vector<MethodRecord>& records, MapSize map_size,
+                                       const std::vector<ReportFrame>& frames, const std::string& before_name,
+                                       const std::string& after_name);
+
+}  // namespace shadowfit
