@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   shadowfit::AddDemoCommand(app);
   shadowfit::AddInfoCommand(app);
   shadowfit::AddOptimizeCommand(app);
+  shadowfit::AddRenderCommand(app);
 
   try {
     app.parse(argc, argv);

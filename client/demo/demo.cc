@@ -2,15 +2,13 @@
 
 #include <algorithm>
 #include <chrono>
-#include <fstream>
 #include <memory>
 #include <optional>
 #include <utility>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/str_format.h"
 #include "client/demo/frame_loop.h"
-#include "client/demo/picture_files.h"
+#include "client/demo/output_files.h"
 #include "client/demo/report.h"
 #include "client/render/renderer.h"
 #include "core/reference/shadow_map_test.h"
@@ -71,9 +69,7 @@ class Demo {
       return absl::InvalidArgumentError(
           absl::StrFormat("lights: %d, 1 to %d are accepted", options_.lights, kMaxLights));
     }
-    std::error_code error;
-    fs::create_directories(out_ / "frames", error);
-    if (error) return absl::UnavailableError(absl::StrFormat("%s: %s", out_.string(), error.message()));
+    if (absl::Status status = MakeFolder(out_ / "frames"); !status.ok()) return status;
 
     RendererOptions renderer_options;
     renderer_options.screen = options_.screen;
@@ -137,21 +133,16 @@ class Demo {
       const SteadyClock::time_point start = SteadyClock::now();
       absl::StatusOr<FrameTrace> trace = loop.Step(matrices);
       if (!trace.ok()) return trace.status();
-      const SteadyClock::time_point picture_start = SteadyClock::now();
-      absl::StatusOr<Picture> picture = renderer_->DrawPicture(*camera, loop.maps());
-      if (!picture.ok()) return picture.status();
-      record.picture_ms.push_back(MillisecondsSince(picture_start));
-      record.frame_ms.push_back(MillisecondsSince(start));
+      if (m == kAfter) {
+        if (absl::Status status = DrawFrame(frame, *camera, loop.maps(), start, &record); !status.ok())
+          return status;
+      }
       AddTimes(*trace, &record);
-      AddMatrices(loop.maps(), &record);
+      record.AddMatrices(loop.maps().lights());
 
       std::vector<uint8_t> wrong(surface.size(), 0);
       if (absl::Status status = CountWrong(surface, truth, loop.maps(), &record, &wrong); !status.ok())
         return status;
-      if (m == kAfter) {
-        const fs::path file = out_ / "frames" / absl::StrFormat("%03d.png", frame);
-        if (absl::Status status = WritePng(file, *picture); !status.ok()) return status;
-      }
       if (!report || (m != kBefore && m != kAfter)) continue;
       absl::StatusOr<Picture> smooth = renderer_->DrawPicture(*camera, loop.maps(), /*antialiased=*/true);
       if (!smooth.ok()) return smooth.status();
@@ -165,6 +156,17 @@ class Demo {
     }
     if (report) report_frames_.push_back(*std::move(report));
     return absl::OkStatus();
+  }
+
+  /// The picture that a viewer would see, for which alone a frame rate is measured.
+  absl::Status DrawFrame(size_t frame, const Camera& camera, const ShadowMaps& maps,
+                         SteadyClock::time_point frame_start, MethodRecord* record) {
+    const SteadyClock::time_point start = SteadyClock::now();
+    const absl::StatusOr<Picture> picture = renderer_->DrawPicture(camera, maps);
+    if (!picture.ok()) return picture.status();
+    record->picture_ms.push_back(MillisecondsSince(start));
+    record->frame_ms.push_back(MillisecondsSince(frame_start));
+    return WritePng(out_ / "frames" / absl::StrFormat("%03d.png", frame), *picture);
   }
 
   /// Evenly spread over the walk, first and last frame among them.
@@ -183,16 +185,6 @@ class Demo {
     record->shadow_maps_ms.push_back(trace.shadow_maps_ms);
     if (trace.round_trip_ms) record->round_trip_ms.push_back(*trace.round_trip_ms);
     record->optimize_ms.insert(record->optimize_ms.end(), trace.optimize_ms.begin(), trace.optimize_ms.end());
-  }
-
-  static void AddMatrices(const ShadowMaps& maps, MethodRecord* record) {
-    std::vector<std::array<double, 16>>& of_frame = record->matrices.emplace_back();
-    for (const LightView& view : maps.lights()) {
-      std::array<double, 16>& entries = of_frame.emplace_back();
-      for (int entry = 0; entry < 16; ++entry) {
-        entries[static_cast<size_t>(entry)] = view.clip_from_world[entry / 4][entry % 4];
-      }
-    }
   }
 
   /// The exact map test with the very matrices that the maps were drawn with.
@@ -221,22 +213,14 @@ class Demo {
   }
 
   absl::Status WriteResults() const {
-    const auto write = [&](const char* name, const std::string& text) -> absl::Status {
-      std::ofstream file(out_ / name, std::ios::binary);
-      file << text;
-      if (!file.flush())
-        return absl::UnavailableError(absl::StrFormat("%s: cannot be written", (out_ / name).string()));
-      return absl::OkStatus();
-    };
-    if (absl::Status status = write("matrices.json", MatricesJson(result_.scene, result_.records).dump());
-        !status.ok()) {
-      return status;
-    }
+    absl::Status status =
+        WriteText(out_ / "matrices.json", MatricesJson(result_.scene, result_.records).dump());
+    if (!status.ok()) return status;
     const absl::StatusOr<std::string> html =
         ReportHtml(result_.scene, result_.light_names, result_.records, options_.map_size, report_frames_,
                    result_.records[kBefore].name, result_.records[kAfter].name);
     if (!html.ok()) return html.status();
-    return write("report.html", *html);
+    return WriteText(out_ / "report.html", *html);
   }
 
   const Scene& scene_;

@@ -2,8 +2,11 @@
 
 #include <array>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string>
 #include <vector>
+
+#include "client/render/light_block.h"
 
 namespace shadowfit {
 
@@ -14,12 +17,14 @@ struct MethodRecord {
   std::vector<std::vector<int>> wrong_pixels;  ///< [frame][light], against shadow rays.
   std::vector<double> optimize_ms;             ///< One a light and frame.
   std::vector<double> round_trip_ms;           ///< One a frame.
-  std::vector<double> frame_ms;                ///< The whole frame without picture files and truth.
-  std::vector<double> samples_ms;
+  std::vector<double> samples_ms;              ///< One a frame, as all that follow.
   std::vector<double> wait_ms;
   std::vector<double> shadow_maps_ms;
-  std::vector<double> picture_ms;
+  std::vector<double> picture_ms;  ///< Empty where no pictures were drawn.
+  std::vector<double> frame_ms;    ///< All of the above; empty where no pictures were drawn.
   std::vector<std::vector<std::array<double, 16>>> matrices;  ///< [frame][light], column-major.
+
+  void AddMatrices(std::span<const LightView> lights);
 
   int FrameTotal(size_t frame) const;
   double MeanOfLight(size_t light) const;

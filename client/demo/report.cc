@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
-#include "client/demo/picture_files.h"
+#include "client/demo/output_files.h"
 
 namespace shadowfit {
 namespace {
@@ -90,17 +90,16 @@ std::string WrongPixelTable(const std::vector<std::string>& light_names,
                             const std::vector<MethodRecord>& records) {
   std::string html = "<table><tr><th>method</th>";
   for (const std::string& name : light_names) absl::StrAppendFormat(&html, "<th>%s</th>", Escaped(name));
-  absl::StrAppend(
-      &html, "<th>all lights</th><th>matrices from</th><th>optimizer, ms a light</th><th>frames/s</th></tr>");
+  absl::StrAppend(&html, "<th>all lights</th><th>matrices from</th><th>optimizer, ms a light</th></tr>");
   for (const MethodRecord& record : records) {
     absl::StrAppendFormat(&html, "<tr><td>%s</td>", Escaped(record.name));
     for (size_t light = 0; light < light_names.size(); ++light) {
       absl::StrAppendFormat(&html, "<td>%.0f</td>", record.MeanOfLight(light));
     }
     absl::StrAppendFormat(
-        &html, "<td><b>%.0f</b></td><td>%s</td><td>%.3f</td><td>%.1f</td></tr>", record.MeanPerFrame(),
+        &html, "<td><b>%.0f</b></td><td>%s</td><td>%.3f</td></tr>", record.MeanPerFrame(),
         record.latency == 0 ? "the same frame" : absl::StrFormat("%d frames before", record.latency),
-        Percentile(record.optimize_ms, 0.5), 1e3 / Percentile(record.frame_ms, 0.5));
+        Percentile(record.optimize_ms, 0.5));
   }
   return absl::StrCat(html, "</table>");
 }

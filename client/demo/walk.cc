@@ -38,13 +38,13 @@ Pose At(const std::vector<Pose>& poses, double t) {
           CatmullRom(a.ws_target, b.ws_target, c.ws_target, d.ws_target, u)};
 }
 
-/// Along the south side of the stepped pyramid, with the noon mast before it, and around its western edge
-/// towards the ramp and the meridian line.
+/// Past the south western corner of the stepped pyramid with its mast, and on along its western side, into
+/// the shadows that a low sun throws this way.
 std::vector<Pose> SterngartenPoses() {
-  return {{{-2.0, -16.5, 2.5}, {4.5, -2.0, 2.4}},
-          {{-6.5, -14.5, 2.5}, {3.5, 0.0, 2.4}},
-          {{-9.5, -10.0, 2.5}, {3.0, 2.5, 2.3}},
-          {{-10.0, -4.5, 2.5}, {3.0, 7.0, 2.2}}};
+  return {{{-6.0, -13.5, 2.4}, {3.0, -1.0, 2.4}},
+          {{-8.5, -9.5, 2.4}, {3.0, 1.5, 2.2}},
+          {{-9.5, -4.5, 2.4}, {2.5, 4.0, 2.0}},
+          {{-9.5, 0.5, 2.4}, {2.0, 7.5, 1.9}}};
 }
 
 /// A quarter of a turn around the target.
@@ -95,7 +95,7 @@ void AddLampsAround(const glm::dvec3& ws_center, double radius, double height, i
     const int number = static_cast<int>(lights->size());
     const glm::dvec3 ws_position = ws_center + glm::dvec3(radius * std::cos(angle), radius * std::sin(angle),
                                                           height * (1.0 + 0.13 * (i % 3)));
-    lights->push_back(Lamp(number, i % 2 == 0, ws_position, ws_center, 0.9));
+    lights->push_back(Lamp(number, i % 2 == 0, ws_position, ws_center, 0.4));
   }
 }
 
@@ -110,18 +110,18 @@ Walk PlanWalk(const Scene& scene, int frames, int lights, double aspect) {
   std::vector<SceneLight> placed;
   if (scene.name == "sterngarten") {
     poses = SterngartenPoses();
-    placed.push_back({"sun", DirectionalLight{{-0.72, 0.42, -0.50}}, {3.4, 2.75, 2.0}});
+    placed.push_back({"sun", DirectionalLight{{-0.74, -0.36, -0.46}}, {2.5, 1.95, 1.3}});
     // A floodlight in the south west, a lamp south east of the pyramid, and a floodlight over the ramp.
-    placed.push_back(Lamp(1, true, {-15.0, -9.0, 7.5}, {2.0, -2.0, 1.5}, 1.6));
-    placed.push_back(Lamp(2, false, {9.5, -19.0, 6.0}, {4.0, -6.0, 1.0}, 0.9));
-    placed.push_back(Lamp(3, true, {-9.0, 15.0, 8.0}, {0.5, 3.0, 1.0}, 1.2));
+    placed.push_back(Lamp(1, true, {-15.0, -9.0, 7.5}, {2.0, -2.0, 1.5}, 0.55));
+    placed.push_back(Lamp(2, false, {9.5, -19.0, 6.0}, {2.0, -6.0, 1.0}, 0.3));
+    placed.push_back(Lamp(3, true, {-9.0, 15.0, 8.0}, {0.0, 3.0, 1.0}, 0.5));
     AddLampsAround({3.0, 1.0, 1.0}, 18.0, 7.0, std::max(0, lights - 4), &placed);
   } else {
     const StandPoint stand = StandPointOf(scene, bounds);
     poses = PosesAround(stand);
     walk.near = std::min(0.2, 0.002 * diagonal);
     walk.far = 3.0 * diagonal;
-    placed.push_back({"sun", DirectionalLight{{-0.62, 0.55, -0.56}}, {3.4, 2.75, 2.0}});
+    placed.push_back({"sun", DirectionalLight{{-0.62, 0.55, -0.56}}, {2.5, 1.95, 1.3}});
     const double reach =
         0.8 * glm::distance(glm::dvec2(stand.ws_eye), glm::dvec2(stand.ws_target)) + 0.02 * diagonal;
     AddLampsAround(stand.ws_target, reach, 0.45 * reach, lights - 1, &placed);

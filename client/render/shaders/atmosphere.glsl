@@ -13,7 +13,7 @@ vec3 SkyRadiance(vec3 ws_direction) {
 // Radiance to display values: a filmic curve (Hable's form, normalised at white 5.5), then the sRGB transfer function.
 vec3 DisplayColor(vec3 radiance) {
   const float white = 5.5;
-  vec4 x = vec4(2.0 * radiance, white);
+  vec4 x = vec4(1.8 * radiance, white);
   vec4 y = (x * (0.15 * x + 0.05) + 0.004) / (x * (0.15 * x + 0.50) + 0.06) - 0.004 / 0.06;
   vec3 c = clamp(y.rgb / y.a, 0.0, 1.0);
   return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), c));

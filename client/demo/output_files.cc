@@ -1,8 +1,9 @@
-#include "client/demo/picture_files.h"
+#include "client/demo/output_files.h"
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
+#include <fstream>
 #include <memory>
 #include <vector>
 
@@ -26,6 +27,20 @@ absl::Status Write(OIIO::ImageOutput* output, const std::string& name, OIIO::Ima
 }
 
 }  // namespace
+
+absl::Status MakeFolder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return absl::UnavailableError(absl::StrFormat("%s: %s", folder.string(), error.message()));
+  return absl::OkStatus();
+}
+
+absl::Status WriteText(const std::filesystem::path& file, const std::string& text) {
+  std::ofstream stream(file, std::ios::binary);
+  stream << text;
+  if (!stream.flush()) return absl::UnavailableError(absl::StrFormat("%s: cannot be written", file.string()));
+  return absl::OkStatus();
+}
 
 absl::Status WritePng(const std::filesystem::path& file, const Picture& picture) {
   const std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(file.string());

@@ -9,6 +9,11 @@
 
 namespace shadowfit {
 
+/// Makes a folder and those above it.
+absl::Status MakeFolder(const std::filesystem::path& folder);
+
+absl::Status WriteText(const std::filesystem::path& file, const std::string& text);
+
 absl::Status WritePng(const std::filesystem::path& file, const Picture& picture);
 
 /// A JPEG file's bytes.
