@@ -216,6 +216,11 @@ class Demo {
     absl::Status status =
         WriteText(out_ / "matrices.json", MatricesJson(result_.scene, result_.records).dump());
     if (!status.ok()) return status;
+    if (!report_frames_.empty()) {
+      const ReportFrame& middle = report_frames_[report_frames_.size() / 2];
+      status = WritePng(out_ / "comparison.png", SplitPicture(middle.before, middle.after));
+      if (!status.ok()) return status;
+    }
     const absl::StatusOr<std::string> html =
         ReportHtml(result_.scene, result_.light_names, result_.records, options_.map_size, report_frames_,
                    result_.records[kBefore].name, result_.records[kAfter].name);

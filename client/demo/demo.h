@@ -32,8 +32,9 @@ struct DemoResult {
 };
 
 /// Walks through the scene with every method side by side, counts each one's wrong pixels with shadow rays,
-/// and writes to `out` (which is made if need be): frames/NNN.png, matrices.json, report.html. `on_frame` is
-/// called after every frame.
+/// and writes to `out` (which is made if need be): frames/NNN.png, comparison.png (one frame, Focused on the
+/// left and the default method on the right), matrices.json, report.html. `on_frame` is called after every
+/// frame.
 absl::StatusOr<DemoResult> RunDemo(const Scene& scene, Client& client, const DemoOptions& options,
                                    const std::filesystem::path& out, const std::function<void()>& on_frame);
 

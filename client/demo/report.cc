@@ -153,6 +153,18 @@ Picture DifferencePicture(const Picture& picture, const std::vector<uint8_t>& wr
   return difference;
 }
 
+Picture SplitPicture(const Picture& left, const Picture& right) {
+  Picture split = right;
+  const auto width = static_cast<size_t>(split.width);
+  for (size_t y = 0; y < static_cast<size_t>(split.height); ++y) {
+    const auto row = static_cast<std::ptrdiff_t>(3 * y * width);
+    const auto middle = row + static_cast<std::ptrdiff_t>(3 * (width / 2));
+    std::copy(left.rgb.begin() + row, left.rgb.begin() + middle, split.rgb.begin() + row);
+    std::fill_n(split.rgb.begin() + middle, 3, uint8_t{255});
+  }
+  return split;
+}
+
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
                                        const std::vector<MethodRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,

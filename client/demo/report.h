@@ -26,6 +26,9 @@ struct ReportFrame {
 Picture DifferencePicture(const Picture& picture, const std::vector<uint8_t>& wrong_before,
                           const std::vector<uint8_t>& wrong_after);
 
+/// Left half of one picture, right half of another of the same size, a white line between them.
+Picture SplitPicture(const Picture& left, const Picture& right);
+
 /// A page that needs no other file: tables, curves over the frames, pictures before and after.
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
                                        const std::vector<MethodRecord>& records, MapSize map_size,

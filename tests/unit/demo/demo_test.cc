@@ -84,6 +84,7 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   for (const char* name : {"000.png", "001.png", "002.png"}) {
     EXPECT_EQ(ReadText(folder_ / "a/frames" / name).substr(1, 3), "PNG");
   }
+  EXPECT_TRUE(fs::exists(folder_ / "a/comparison.png"));
   const std::string report = ReadText(folder_ / "a/report.html");
   EXPECT_THAT(report, HasSubstr("data:image/jpeg;base64,/9j/"));
   EXPECT_THAT(report, HasSubstr("<polyline"));
@@ -192,6 +193,17 @@ TEST(ReportTest, DifferenceColoursSayWhoIsWrong) {
   EXPECT_GT(difference.rgb[8], 2 * difference.rgb[6]) << "blue: wrong after";
   EXPECT_EQ(difference.rgb[9], 255);
   EXPECT_EQ(difference.rgb[10], 255);
+}
+
+TEST(ReportTest, SplitPictureTakesAHalfOfEach) {
+  const Picture left{4, 2, std::vector<uint8_t>(24, 10)};
+  const Picture right{4, 2, std::vector<uint8_t>(24, 20)};
+  const Picture split = SplitPicture(left, right);
+  for (const size_t row : {0u, 12u}) {
+    EXPECT_EQ(split.rgb[row + 5], 10);
+    EXPECT_EQ(split.rgb[row + 6], 255);
+    EXPECT_EQ(split.rgb[row + 9], 20);
+  }
 }
 
 TEST(OutputFilesTest, FailuresNameTheFile) {
