@@ -3,8 +3,8 @@
 #include <string>
 
 #include "client/cli/commands.h"
+#include "client/cli/progress_bar.h"
 #include "client/demo/demo.h"
-#include "client/demo/progress.h"
 #include "client/embedded/service_connection.h"
 #include "client/scene_io/load_scene.h"
 
@@ -23,9 +23,9 @@ void RunDemoCommand(const DemoArguments& arguments, bool json) {
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   DemoResult result;
   {
-    ProgressBar progress(scene.name, arguments.options.frames);
-    result = ValueOrThrow(
-        RunDemo(scene, service->client(), arguments.options, arguments.out, [&] { progress.Step(); }));
+    ProgressBar progress(scene.name);
+    result = ValueOrThrow(RunDemo(scene, service->client(), arguments.options, arguments.out,
+                                  [&](int done, int total) { progress.Show(done, total); }));
   }
   if (json) {
     PrintJson(DemoJson(result.scene, result.light_names, result.records));

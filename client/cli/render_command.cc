@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/frame_files.h"
-#include "client/demo/progress.h"
+#include "client/cli/progress_bar.h"
 #include "client/demo/render_path.h"
 #include "client/embedded/service_connection.h"
 #include "client/scene_io/load_scene.h"
@@ -40,9 +40,10 @@ void RunRenderCommand(const RenderArguments& arguments, bool json) {
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   RenderedPath rendered;
   {
-    ProgressBar progress(scene.name, static_cast<int>(path.walk.cameras.size()));
-    rendered = ValueOrThrow(RenderPath(scene, service->client(), path, method, arguments.latency,
-                                       arguments.out, [&] { progress.Step(); }));
+    ProgressBar progress(scene.name);
+    rendered =
+        ValueOrThrow(RenderPath(scene, service->client(), path, method, arguments.latency, arguments.out,
+                                [&](int done, int total) { progress.Show(done, total); }));
   }
   if (json) {
     PrintJson({{"scene", scene.name},

@@ -42,7 +42,7 @@ class Demo {
   Demo(const Scene& scene, Client& client, const DemoOptions& options, fs::path out)
       : scene_(scene), client_(client), options_(options), out_(std::move(out)) {}
 
-  absl::StatusOr<DemoResult> Run(const std::function<void()>& on_frame) {
+  absl::StatusOr<DemoResult> Run(const std::function<void(int, int)>& on_frame) {
     if (absl::Status status = Prepare(); !status.ok()) return status;
     // The first frame stands still until answers arrive, as a viewer would who has just entered.
     for (size_t m = 0; m < loops_.size(); ++m) {
@@ -53,7 +53,7 @@ class Demo {
     }
     for (size_t frame = 0; frame < walk_.cameras.size(); ++frame) {
       if (absl::Status status = RunFrame(frame); !status.ok()) return status;
-      on_frame();
+      on_frame(static_cast<int>(frame) + 1, options_.frames);
     }
     if (absl::Status status = WriteResults(); !status.ok()) return status;
     return std::move(result_);
@@ -244,7 +244,7 @@ class Demo {
 }  // namespace
 
 absl::StatusOr<DemoResult> RunDemo(const Scene& scene, Client& client, const DemoOptions& options,
-                                   const fs::path& out, const std::function<void()>& on_frame) {
+                                   const fs::path& out, const std::function<void(int, int)>& on_frame) {
   return Demo(scene, client, options, out).Run(on_frame);
 }
 

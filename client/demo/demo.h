@@ -36,6 +36,7 @@ struct DemoResult {
 /// left and the default method on the right), matrices.json, report.html. `on_frame` is called after every
 /// frame.
 absl::StatusOr<DemoResult> RunDemo(const Scene& scene, Client& client, const DemoOptions& options,
-                                   const std::filesystem::path& out, const std::function<void()>& on_frame);
+                                   const std::filesystem::path& out,
+                                   const std::function<void(int done, int total)>& on_frame);
 
 }  // namespace shadowfit

@@ -14,7 +14,7 @@ namespace shadowfit {
 
 absl::StatusOr<RenderedPath> RenderPath(const Scene& scene, Client& client, CameraPath path,
                                         v1::Method method, int latency, const std::filesystem::path& out,
-                                        const std::function<void()>& on_frame) {
+                                        const std::function<void(int, int)>& on_frame) {
   if (absl::Status status = MakeFolder(out); !status.ok()) return status;
   if (path.walk.lights.empty()) {
     constexpr int kDemoLights = 4;
@@ -55,7 +55,7 @@ absl::StatusOr<RenderedPath> RenderPath(const Scene& scene, Client& client, Came
     record.AddMatrices((*loop)->maps().lights());
     if (absl::Status status = WritePng(out / absl::StrFormat("%03d.png", frame), *picture); !status.ok())
       return status;
-    on_frame();
+    on_frame(static_cast<int>(frame) + 1, static_cast<int>(rendered.frames));
   }
   rendered.frames_per_second = static_cast<double>(rendered.frames) / seconds;
   if (absl::Status status = WriteText(out / "matrices.json", MatricesJson(scene.name, {record}).dump());

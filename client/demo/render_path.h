@@ -21,6 +21,6 @@ struct RenderedPath {
 };
 absl::StatusOr<RenderedPath> RenderPath(const Scene& scene, Client& client, CameraPath path,
                                         v1::Method method, int latency, const std::filesystem::path& out,
-                                        const std::function<void()>& on_frame);
+                                        const std::function<void(int done, int total)>& on_frame);
 
 }  // namespace shadowfit

@@ -55,7 +55,10 @@ class DemoTest : public ::testing::Test {
 TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   int frames = 0;
   const absl::StatusOr<DemoResult> result =
-      RunDemo(scene_, service_->client(), options_, folder_ / "a", [&] { ++frames; });
+      RunDemo(scene_, service_->client(), options_, folder_ / "a", [&](int done, int total) {
+        EXPECT_EQ(done, ++frames);
+        EXPECT_EQ(total, 3);
+      });
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_EQ(frames, 3);
   ASSERT_EQ(result->records.size(), 4u);
@@ -91,7 +94,7 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   EXPECT_THAT(report, ::testing::Not(HasSubstr("src=\"http"))) << "the report needs no other file";
 
   // What is drawn depends on the frames alone, not on how fast the service answers.
-  ASSERT_TRUE(RunDemo(scene_, service_->client(), options_, folder_ / "b", [] {}).ok());
+  ASSERT_TRUE(RunDemo(scene_, service_->client(), options_, folder_ / "b", [](int, int) {}).ok());
   const std::string matrices = ReadText(folder_ / "a/matrices.json");
   EXPECT_EQ(matrices, ReadText(folder_ / "b/matrices.json"));
   EXPECT_EQ(nlohmann::json::parse(matrices)["methods"]["paper"].size(), 3u);
@@ -100,16 +103,19 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
 TEST_F(DemoTest, RefusesBadOptions) {
   DemoOptions options = options_;
   options.frames = 0;
-  EXPECT_THAT(std::string(RunDemo(scene_, service_->client(), options, folder_, [] {}).status().message()),
-              HasSubstr("frames: 0"));
+  EXPECT_THAT(
+      std::string(RunDemo(scene_, service_->client(), options, folder_, [](int, int) {}).status().message()),
+      HasSubstr("frames: 0"));
   options = options_;
   options.lights = 33;
-  EXPECT_THAT(std::string(RunDemo(scene_, service_->client(), options, folder_, [] {}).status().message()),
-              HasSubstr("lights: 33"));
-  std::ofstream(folder_ / "file") << "in the way";
   EXPECT_THAT(
-      std::string(RunDemo(scene_, service_->client(), options_, folder_ / "file", [] {}).status().message()),
-      HasSubstr((folder_ / "file").string()));
+      std::string(RunDemo(scene_, service_->client(), options, folder_, [](int, int) {}).status().message()),
+      HasSubstr("lights: 33"));
+  std::ofstream(folder_ / "file") << "in the way";
+  EXPECT_THAT(std::string(RunDemo(scene_, service_->client(), options_, folder_ / "file", [](int, int) {})
+                              .status()
+                              .message()),
+              HasSubstr((folder_ / "file").string()));
 }
 
 TEST_F(DemoTest, RendersACameraPath) {
@@ -118,7 +124,7 @@ TEST_F(DemoTest, RendersACameraPath) {
     "frames": [{"eye": [12, -18, 3], "target": [0, 0, 2]}, {"eye": [12.2, -18, 3], "target": [0, 0, 2]}]})");
   ASSERT_TRUE(path.ok()) << path.status();
   const absl::StatusOr<RenderedPath> rendered =
-      RenderPath(scene_, service_->client(), *path, v1::METHOD_PAPER, 1, folder_ / "path", [] {});
+      RenderPath(scene_, service_->client(), *path, v1::METHOD_PAPER, 1, folder_ / "path", [](int, int) {});
   ASSERT_TRUE(rendered.ok()) << rendered.status();
   EXPECT_EQ(rendered->frames, 2u);
   EXPECT_EQ(rendered->lights, 4u) << "the scene's own";
