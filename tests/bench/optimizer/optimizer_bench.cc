@@ -1,0 +1,134 @@
+// Time from a decoded frame to a light matrix, one thread, one light of the plaza seen through 180x180
+// samples: by the paper's optimizer and by the default one, with the number of boundary samples and of
+// objective evaluations. Beside them the method `normal`, which has no optimizer, so that what remains is
+// sampling, and the bare read of the two buffers, the least that any method can take.
+//
+// Repetitions of all benchmarks are interleaved at random, so that a busy moment of the machine does not fall
+// on one of them: read the medians, and their ratios.
+
+#include <benchmark/benchmark.h>
+
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/fit/frame_optimizer.h"
+#include "core/reference/study_setup.h"
+#include "core/reference/view_study.h"
+#include "core/scene/procedural.h"
+
+namespace shadowfit {
+namespace {
+
+constexpr MapSize kScreen{750, 750};
+constexpr MapSize kSamples{180, 180};
+constexpr MapSize kMap{400, 400};
+
+/// One frame with the memory that its request borrows.
+struct Prepared {
+  std::string name;
+  LightStudy study;
+  FrameRequest request;
+};
+
+struct Study {
+  ViewStudy view;
+  std::vector<std::unique_ptr<Prepared>> lights;
+};
+
+absl::StatusOr<std::unique_ptr<Study>> MakeStudy() {
+  absl::StatusOr<Scene> scene = MakePlaza(300'000);
+  if (!scene.ok()) return scene.status();
+  const absl::StatusOr<TruthScene> truth = TruthScene::Create(*scene);
+  if (!truth.ok()) return truth.status();
+  absl::StatusOr<Camera> camera =
+      Camera::Create(CameraAt(PlazaStandPoint(), truth->ws_bounds(), ViewOptions{}));
+  if (!camera.ok()) return camera.status();
+  auto study = std::make_unique<Study>(Study{ViewStudy::Create(*truth, *camera, kScreen, kSamples), {}});
+  const std::pair<const char*, Light> lights[] = {
+      {"point", PointLight{{30.0, -60.0, 80.0}}},
+      {"spot", SpotLight{{10.0, 8.0, 14.0}, {-10.0, -8.0, -14.0}, 0.7}},
+      {"directional", DirectionalLight{{-0.4, 0.5, -0.7}}},
+  };
+  for (const auto& [name, light] : lights) {
+    absl::StatusOr<LightStudy> light_study = LightStudy::Create(*truth, study->view, light);
+    if (!light_study.ok()) return light_study.status();
+    auto prepared = std::make_unique<Prepared>(Prepared{name, *std::move(light_study), {}});
+    FrameRequest& request = prepared->request;
+    request.camera = {camera->view_from_world(), camera->clip_from_view(), camera->clip_depth()};
+    request.depth = study->view.samples.Depth();
+    request.bits = prepared->study.Bits(study->view);
+    request.lights = {{1, light, kMap, {}}};
+    request.screen = kScreen;
+    request.ws_scene_bounds = truth->ws_bounds();
+    study->lights.push_back(std::move(prepared));
+  }
+  return study;
+}
+
+void Optimize(benchmark::State& state, const FrameRequest& request, Method method) {
+  FrameOptimizer optimizer;
+  FrameSummary summary;
+  Options options;
+  options.method = method;
+  for (auto _ : state) {
+    const absl::Status status = optimizer.Optimize(request, options, Cancellation(), &summary);
+    if (!status.ok()) {
+      state.SkipWithError(status.ToString().c_str());
+      return;
+    }
+  }
+  const LightSummary& light = summary.lights[0];
+  state.counters["boundary_samples"] = light.boundary_samples;
+  state.counters["hull_samples"] = light.hull_samples;
+  state.counters["evaluations"] = light.evaluations;
+  state.counters["sampling_us"] = summary.sampling_seconds * 1e6;
+  state.counters["predicted_pixels"] = light.predicted_misclassified_pixels;
+}
+
+void ReadBuffers(benchmark::State& state, const FrameRequest& request) {
+  const auto pixels = static_cast<size_t>(request.depth.width) * static_cast<size_t>(request.depth.height);
+  for (auto _ : state) {
+    const float* depth = request.depth.bottom_row;
+    const uint32_t* bits = request.bits->bottom_row;
+    uint32_t sum = 0;
+    for (size_t i = 0; i < pixels; ++i) sum += bits[i] + static_cast<uint32_t>(depth[i] > 0.5f);
+    benchmark::DoNotOptimize(sum);
+  }
+  state.SetBytesProcessed(static_cast<int64_t>(state.iterations() * pixels * 8));
+}
+
+int Main(int argc, char** argv) {
+  absl::StatusOr<std::unique_ptr<Study>> study = MakeStudy();
+  if (!study.ok()) {
+    std::fprintf(stderr, "%s\n", study.status().ToString().c_str());
+    return 1;
+  }
+  const auto add = [](const std::string& name, auto&& function) {
+    benchmark::RegisterBenchmark(name.c_str(), function)
+        ->Unit(benchmark::kMicrosecond)
+        ->Repetitions(9)
+        ->ReportAggregatesOnly();
+  };
+  for (const std::unique_ptr<Prepared>& light : (*study)->lights) {
+    const FrameRequest* request = &light->request;
+    for (const Method method : {Method::kPaper, Method::kDefault, Method::kNormal}) {
+      add(light->name + "/" + std::string(MethodName(method)),
+          [request, method](benchmark::State& state) { Optimize(state, *request, method); });
+    }
+    add(light->name + "/read_buffers", [request](benchmark::State& state) { ReadBuffers(state, *request); });
+  }
+  std::string interleave = "--benchmark_enable_random_interleaving=true";
+  std::vector<char*> arguments(argv, argv + argc);
+  arguments.push_back(interleave.data());
+  int count = static_cast<int>(arguments.size());
+  benchmark::Initialize(&count, arguments.data());
+  benchmark::RunSpecifiedBenchmarks();
+  return 0;
+}
+
+}  // namespace
+}  // namespace shadowfit
+
+int main(int argc, char** argv) { return shadowfit::Main(argc, argv); }

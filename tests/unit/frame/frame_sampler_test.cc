@@ -1,0 +1,192 @@
+#include "core/frame/frame_sampler.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "tests/support/analytic_scene.h"
+
+namespace shadowfit {
+namespace {
+
+using testing::AnalyticScene;
+using testing::OwnedFrame;
+using testing::Uniform;
+
+std::vector<LightSamples> Sample(const OwnedFrame& frame, MapSize screen, FrameExtent* extent = nullptr) {
+  FrameSampler sampler;
+  std::vector<RaySpace> spaces;
+  for (const LightRequest& light : frame.request.lights) spaces.push_back(*RaySpace::Create(light.light));
+  FrameExtent ignored;
+  std::vector<LightSamples> samples;
+  sampler.Sample(*Camera::Create(frame.request.camera), frame.request.depth, frame.request.bits, spaces,
+                 screen, extent != nullptr ? extent : &ignored, &samples);
+  return samples;
+}
+
+LightRequest Lamp(Light light) { return {1, light, {256, 256}, {}}; }
+
+/// The world position of boundary sample i.
+glm::dvec3 WsPosition(const LightSamples& samples, const RaySpace& space, size_t i) {
+  const RaySpace::WsRay ray = space.WorldRay(samples.boundary.Ray(i));
+  return space.is_directional() ? ray.origin + samples.boundary.q[i] * ray.direction
+                                : ray.origin + ray.direction;
+}
+
+class SamplerByConvention : public ::testing::TestWithParam<ClipDepth> {};
+INSTANTIATE_TEST_SUITE_P(Conventions, SamplerByConvention,
+                         ::testing::Values(ClipDepth::kNegativeOneToOne, ClipDepth::kZeroToOne,
+                                           ClipDepth::kReversedZeroToOne));
+
+TEST_P(SamplerByConvention, DerivativesFollowTheFloor) {
+  std::mt19937 random(1);
+  int checked = 0;
+  for (int trial = 0; trial < 20; ++trial) {
+    const CameraMatrices matrices = testing::WalkThroughCamera(random, GetParam());
+    const Camera camera = *Camera::Create(matrices);
+    const OwnedFrame frame =
+        testing::Draw(testing::RandomSpheres(random, 5), matrices, 100, 100,
+                      {Lamp(PointLight{{3, -2, 15}}), Lamp(DirectionalLight{{0.2, 0.3, -1}})});
+    const MapSize screen{800, 600};
+    const std::vector<LightSamples> samples = Sample(frame, screen);
+    for (size_t light = 0; light < samples.size(); ++light) {
+      const RaySpace space = *RaySpace::Create(frame.request.lights[light].light);
+      for (size_t i = 0; i < samples[light].boundary.size(); ++i) {
+        const glm::dvec3 ws = WsPosition(samples[light], space, i);
+        if (std::abs(ws.z) > 1e-3 || glm::length(ws - glm::dvec3(camera.ws_eye())) > 20.0) continue;
+        // On the floor, screen and ray coordinates are related by a homography: differentiate it numerically.
+        const glm::dvec4 clip = camera.clip_from_world() * glm::dvec4(ws, 1.0);
+        const auto ray_at = [&](double dx1, double dx2) {
+          const glm::dvec2 ndc(clip.x / clip.w + dx1 * 2.0 / screen.width,
+                               clip.y / clip.w + dx2 * 2.0 / screen.height);
+          const glm::dvec4 a = camera.WsFromNdc({ndc, NearNdc(GetParam())});
+          const glm::dvec4 b = camera.WsFromNdc({ndc, FarNdc(GetParam())});
+          const glm::dvec3 origin = glm::dvec3(a) / a.w;
+          const glm::dvec3 direction = glm::dvec3(b) / b.w - origin;
+          return space.RayFromPoint(origin - (origin.z / direction.z) * direction);
+        };
+        const glm::dvec3 d1 = (ray_at(0.5, 0) - ray_at(-0.5, 0));
+        const glm::dvec3 d2 = (ray_at(0, 0.5) - ray_at(0, -0.5));
+        const double scale = glm::length(d1) + glm::length(d2);
+        // Float32 depth limits what the buffer's differences can tell.
+        EXPECT_LT(glm::length(samples[light].boundary.RayDx1(i) - d1), 0.05 * scale);
+        EXPECT_LT(glm::length(samples[light].boundary.RayDx2(i) - d2), 0.05 * scale);
+        ++checked;
+      }
+    }
+  }
+  EXPECT_GT(checked, 1000);
+}
+
+TEST(FrameSampler, BoundaryLengthAndNormalMeasureAStraightEdge) {
+  // A floor seen from straight above, half of it in shadow behind an edge at any angle.
+  std::mt19937 random(2);
+  for (int trial = 0; trial < 50; ++trial) {
+    CameraMatrices matrices;
+    matrices.view_from_world = glm::lookAtRH(glm::dvec3(0, 0, 10), glm::dvec3(0, 0, 0), glm::dvec3(0, 1, 0));
+    matrices.clip_from_view = glm::perspectiveRH_NO(1.0, 1.0, 0.1, 100.0);
+    OwnedFrame frame = testing::Draw(AnalyticScene{}, matrices, 120, 120, {Lamp(PointLight{{0, 0, 20}})});
+    const double angle = Uniform(random, 0.0, 2.0 * std::numbers::pi);
+    const glm::dvec2 n(std::cos(angle), std::sin(angle));
+    const double radius = 50.0;  // A disc, so that the length does not depend on the angle.
+    double expected = 0.0;
+    for (int y = 0; y < 120; ++y) {
+      for (int x = 0; x < 120; ++x) {
+        const glm::dvec2 p(x + 0.5 - 60.0, y + 0.5 - 60.0);
+        frame.bits[static_cast<size_t>(y * 120 + x)] =
+            glm::dot(n, p) > 3.0 && glm::length(p) < radius ? 1 : 0;
+      }
+    }
+    const double half_chord = std::sqrt(radius * radius - 9.0);
+    const double arc = 2.0 * radius * std::acos(3.0 / radius);
+    expected = 2.0 * half_chord + arc;
+    const std::vector<LightSamples> samples = Sample(frame, {480, 480});
+    double length = 0.0;
+    double along_chord = 0.0;
+    for (size_t i = 0; i < samples[0].boundary.size(); ++i) {
+      length += samples[0].boundary.length[i];
+      const double cosine = std::abs(samples[0].boundary.n1[i] * n.x + samples[0].boundary.n2[i] * n.y);
+      if (cosine > 0.85) along_chord += samples[0].boundary.length[i];
+    }
+    EXPECT_NEAR(length, 4.0 * expected, 0.06 * 4.0 * expected) << "angle " << angle;
+    EXPECT_GT(along_chord, 0.9 * 4.0 * 2.0 * half_chord);
+    EXPECT_EQ(samples[0].rough_boundary.size(), 0u);
+  }
+}
+
+TEST(FrameSampler, PlanesHaveNoDiscontinuityAndSilhouettesDo) {
+  // Shadow everywhere: hull samples are the rim of the shadow, at the screen's border and at silhouettes
+  // only.
+  std::mt19937 random(3);
+  const CameraMatrices matrices = testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne);
+  OwnedFrame floor = testing::Draw(AnalyticScene{}, matrices, 64, 64, {Lamp(PointLight{{0, 0, 30}})});
+  std::fill(floor.bits.begin(), floor.bits.end(), 0);
+  for (int y = 0; y < 20; ++y) {
+    for (int x = 0; x < 64; ++x) floor.bits[static_cast<size_t>(y * 64 + x)] = 1;
+  }
+  const std::vector<LightSamples> samples = Sample(floor, {64, 64});
+  // The border's 64 + 2 * 20 - 2 pixels, and 2 * 64 along the edge, 2 and 0 of which are at the border too.
+  EXPECT_EQ(samples[0].hull_rays.size(), 64u + 2 * 20 - 2 + 2 * 64 - 2);
+  EXPECT_EQ(samples[0].hull_footprint_rays.size(), 4 * samples[0].hull_rays.size());
+}
+
+TEST(FrameSampler, IgnoresBitsOfSurfacesThatFaceAway) {
+  // A light below the floor: whatever the bits say, it reaches nothing that is visible.
+  std::mt19937 random(4);
+  OwnedFrame frame =
+      testing::Draw(AnalyticScene{}, testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 64, 64,
+                    {Lamp(PointLight{{0, 0, -5}})});
+  for (size_t i = 0; i < frame.bits.size(); i += 3) frame.bits[i] = 1;
+  const std::vector<LightSamples> samples = Sample(frame, {64, 64});
+  EXPECT_EQ(samples[0].boundary.size(), 0u);
+}
+
+TEST(FrameSampler, MeasuresTheVisibleDepthRange) {
+  std::mt19937 random(5);
+  for (const ClipDepth convention :
+       {ClipDepth::kNegativeOneToOne, ClipDepth::kZeroToOne, ClipDepth::kReversedZeroToOne}) {
+    const OwnedFrame frame =
+        testing::Draw(testing::RandomSpheres(random, 5), testing::WalkThroughCamera(random, convention), 32,
+                      32, {Lamp(PointLight{{0, 0, 9}})});
+    FrameExtent extent;
+    Sample(frame, {32, 32}, &extent);
+    int visible = 0;
+    double nearest = FarNdc(convention);
+    double farthest = NearNdc(convention);
+    const bool reversed = convention == ClipDepth::kReversedZeroToOne;
+    for (const float d : frame.depth) {
+      if (static_cast<double>(d) == BackgroundWindowDepth(convention)) continue;
+      ++visible;
+      const double ndc = NdcFromWindowDepth(convention, static_cast<double>(d));
+      nearest = reversed ? std::max(nearest, ndc) : std::min(nearest, ndc);
+      farthest = reversed ? std::min(farthest, ndc) : std::max(farthest, ndc);
+    }
+    EXPECT_EQ(extent.visible_pixels, visible);
+    EXPECT_DOUBLE_EQ(extent.nearest_ndc_depth, nearest);
+    EXPECT_DOUBLE_EQ(extent.farthest_ndc_depth, farthest);
+  }
+}
+
+TEST(FrameSampler, AllThirtyTwoLightsAreSampledAlone) {
+  // The samples of a light do not depend on which other lights share the frame.
+  std::mt19937 random(6);
+  std::vector<LightRequest> lights;
+  for (uint32_t i = 0; i < 32; ++i) lights.push_back(testing::RandomLight(random, i));
+  const AnalyticScene scene = testing::RandomSpheres(random, 6);
+  const CameraMatrices matrices = testing::WalkThroughCamera(random, ClipDepth::kZeroToOne);
+  const OwnedFrame all = testing::Draw(scene, matrices, 48, 48, lights);
+  const std::vector<LightSamples> together = Sample(all, {48, 48});
+  for (size_t i = 0; i < lights.size(); i += 5) {
+    const OwnedFrame one = testing::Draw(scene, matrices, 48, 48, {lights[i]});
+    const std::vector<LightSamples> alone = Sample(one, {48, 48});
+    ASSERT_EQ(alone[0].boundary.size(), together[i].boundary.size());
+    for (size_t k = 0; k < alone[0].boundary.size(); ++k) {
+      EXPECT_EQ(alone[0].boundary.Ray(k), together[i].boundary.Ray(k));
+      EXPECT_EQ(alone[0].boundary.length[k], together[i].boundary.length[k]);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace shadowfit
