@@ -38,6 +38,7 @@ struct Arguments {
   int views = 0;
   std::vector<double> eye;
   std::vector<double> target;
+  bool times = false;
   std::string out;
 };
 
@@ -100,6 +101,7 @@ ComparisonOptions OptionsOf(const Arguments& arguments) {
     options.stand_point = {{arguments.eye[0], arguments.eye[1], arguments.eye[2]},
                            {arguments.target[0], arguments.target[1], arguments.target[2]}};
   }
+  options.frame_times = arguments.times;
   options.folder = arguments.out;
   return options;
 }
@@ -190,6 +192,8 @@ void AddCompareCommand(CLI::App& app) {
                             ->expected(3);
   eye->needs(target)->excludes(views);
   target->needs(eye);
+  command->add_flag("--times", arguments->times,
+                    "Measure, too, what a frame of 1 to 32 lights costs each method");
   command
       ->add_option("--out", arguments->out,
                    "Folder for results and reports; a run that was interrupted goes on from there")

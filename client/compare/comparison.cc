@@ -60,18 +60,24 @@ absl::StatusOr<std::vector<StandPoint>> ChooseStandPoints(const TruthScene& trut
   return found;
 }
 
-/// One method's matrices for one light: the summary of the last of three runs, the median of their times.
-MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const LightStudy& light,
-                        const MethodVariant& method, MapSize screen, FrameOptimizer* optimizer) {
+/// A frame of the view's small picture, without lights.
+FrameRequest RequestOf(const TruthScene& truth, const ViewStudy& view, MapSize screen) {
   FrameRequest request;
   request.camera = {view.camera.view_from_world(), view.camera.clip_from_view(), view.camera.clip_depth()};
   request.depth = view.samples.Depth();
+  request.screen = screen;
+  request.ws_scene_bounds = truth.ws_bounds();
+  return request;
+}
+
+/// One method's matrices for one light: the summary of the last of three runs, the median of their times.
+MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const LightStudy& light,
+                        const MethodVariant& method, MapSize screen, FrameOptimizer* optimizer) {
+  FrameRequest request = RequestOf(truth, view, screen);
   request.bits = light.Bits(view);
   LightRequest& wanted = request.lights.emplace_back();
   wanted.light = light.light;
   wanted.map_size = method.map_size;
-  request.screen = screen;
-  request.ws_scene_bounds = truth.ws_bounds();
 
   MethodRecord record;
   FrameSummary summary;
@@ -100,6 +106,53 @@ MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const Li
     record.wrong_pixels = light.shadowed_pixels;
   }
   return record;
+}
+
+/// The paper's rows, and on to as many lights as a frame holds.
+absl::StatusOr<std::vector<FrameTime>> MeasureFrames(const TruthScene& truth, const ViewStudy& view,
+                                                     const ComparisonOptions& options) {
+  constexpr std::pair<int, int> kRows[] = {{1, 500},  {1, 700},  {1, 1000}, {2, 500},   {2, 700},
+                                           {2, 1000}, {3, 500},  {3, 700},  {3, 1000},  {4, 500},
+                                           {4, 700},  {4, 1000}, {8, 1000}, {16, 1000}, {32, 1000}};
+  constexpr int kRuns = 9;
+  FrameRequest request = RequestOf(truth, view, options.screen);
+  std::vector<uint32_t> bits;
+  std::vector<FrameTime> times;
+  std::vector<FrameOptimizer> optimizers(options.methods.size());
+  const std::vector<Light> lights =
+      PlaceLights(options.sets[0].placement, kMaxLights, options.seed, truth.ws_bounds(), options.view.ws_up);
+  for (const auto& [count, side] : kRows) {
+    while (request.lights.size() < static_cast<size_t>(count)) {
+      const size_t i = request.lights.size();
+      const absl::StatusOr<RaySpace> ray_space = RaySpace::Create(lights[i]);
+      if (!ray_space.ok()) return ray_space.status();
+      WriteBit(truth.TrueShadow(view.samples, *ray_space), static_cast<int>(i), &bits);
+      LightRequest& light = request.lights.emplace_back();
+      light.id = static_cast<uint32_t>(i);
+      light.light = lights[i];
+    }
+    request.bits = BottomFirst(bits.data(), view.samples.width, view.samples.height);
+    FrameTime& time = times.emplace_back();
+    time.lights = count;
+    time.map_size = {side, side};
+    for (LightRequest& light : request.lights) light.map_size = time.map_size;
+    for (size_t m = 0; m < options.methods.size(); ++m) {
+      std::array<double, kRuns> sampling{};
+      std::array<double, kRuns> total{};
+      for (size_t run = 0; run < kRuns; ++run) {
+        FrameSummary summary;
+        const absl::Status status =
+            optimizers[m].Optimize(request, options.methods[m].options, Cancellation(), &summary);
+        if (!status.ok()) return status;
+        sampling[run] = 1e3 * summary.sampling_seconds;
+        total[run] = 1e3 * summary.total_seconds;
+      }
+      std::ranges::sort(sampling);
+      std::ranges::sort(total);
+      time.methods.push_back({sampling[kRuns / 2], total[kRuns / 2]});
+    }
+  }
+  return times;
 }
 
 }  // namespace
@@ -173,6 +226,11 @@ absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOpt
       }
       if (progress) progress(static_cast<int>(comparison.lights.size()), total);
     }
+  }
+  if (options.frame_times) {
+    absl::StatusOr<std::vector<FrameTime>> times = MeasureFrames(*truth, views[0], comparison.options);
+    if (!times.ok()) return times.status();
+    comparison.times = *std::move(times);
   }
   return comparison;
 }

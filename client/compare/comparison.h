@@ -40,6 +40,8 @@ struct ComparisonOptions {
   /// lights in turn.
   int views = 0;
   std::optional<StandPoint> stand_point;
+  /// Measure what frames of several lights cost, in the first view with the first set's lights.
+  bool frame_times = false;
   /// Results are kept here light by light, and read back by the next run; empty keeps nothing.
   std::string folder;
 };
@@ -64,12 +66,25 @@ struct LightRecord {
   std::vector<MethodRecord> methods;  ///< In the order of ComparisonOptions::methods.
 };
 
+/// TR-07-07's Tables 2 and 3, for the optimizer: what a frame costs with so many lights on maps of a size.
+struct FrameTime {
+  int lights = 1;
+  MapSize map_size;
+  /// In the order of ComparisonOptions::methods; milliseconds on one thread, median of nine.
+  struct Stages {
+    double sampling = 0.0;  ///< Unprojection, boundary and hull samples, for all lights at once.
+    double total = 0.0;     ///< From decoded frame to all matrices.
+  };
+  std::vector<Stages> methods;
+};
+
 struct Comparison {
   std::string scene;
   size_t triangles = 0;
   ComparisonOptions options;             ///< view.far and stand points resolved.
   std::vector<StandPoint> stand_points;  ///< By LightRecord::view.
   std::vector<LightRecord> lights;       ///< Set by set.
+  std::vector<FrameTime> times;          ///< Where ComparisonOptions::frame_times asks for them.
 };
 
 /// Called after each light with the number done and the number of all.

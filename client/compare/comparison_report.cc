@@ -163,6 +163,39 @@ std::string Section(const std::string& title, std::span<const LightRecord> recor
   return text;
 }
 
+std::string TableOfTimes(const Comparison& comparison) {
+  std::string text =
+      "## Time of a frame\n\nMilliseconds from decoded frame to all matrices on one thread, of which "
+      "sampling, which all lights share.\n\n| lights | map |";
+  std::string rule = "| ---: | --- |";
+  for (const MethodVariant& method : comparison.options.methods) {
+    absl::StrAppend(&text, " ", method.name, " |");
+    rule += " ---: |";
+  }
+  absl::StrAppend(&text, "\n", rule, "\n");
+  for (const FrameTime& time : comparison.times) {
+    absl::StrAppendFormat(&text, "| %d | %dx%d |", time.lights, time.map_size.width, time.map_size.height);
+    for (const FrameTime::Stages& stages : time.methods) {
+      absl::StrAppendFormat(&text, " %.2f (%.2f) |", stages.total, stages.sampling);
+    }
+    text += "\n";
+  }
+  return text + "\n";
+}
+
+Json TimesJson(const Comparison& comparison) {
+  Json rows = Json::array();
+  for (const FrameTime& time : comparison.times) {
+    Json methods = Json::object();
+    for (size_t m = 0; m < time.methods.size(); ++m) {
+      methods[comparison.options.methods[m].name] = {{"milliseconds", time.methods[m].total},
+                                                     {"samplingMilliseconds", time.methods[m].sampling}};
+    }
+    rows.push_back({{"lights", time.lights}, {"mapSize", JsonOf(time.map_size)}, {"methods", methods}});
+  }
+  return rows;
+}
+
 }  // namespace
 
 Json StudyJson(const Comparison& comparison) {
@@ -195,6 +228,7 @@ Json ReportJson(const Comparison& comparison) {
           {"lights", comparison.lights.size()},
           {"methods", MethodsJson(comparison.lights, comparison)},
           {"sets", std::move(sets)},
+          {"frameTimes", TimesJson(comparison)},
           {"study", StudyJson(comparison)}};
 }
 
@@ -212,6 +246,7 @@ std::string ReportMarkdown(const Comparison& comparison) {
                     comparison);
   }
   if (options.sets.size() > 1) text += Section("all", comparison.lights, comparison);
+  if (!comparison.times.empty()) text += TableOfTimes(comparison);
   return text;
 }
 

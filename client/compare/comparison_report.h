@@ -11,8 +11,8 @@ namespace shadowfit {
 nlohmann::json StudyJson(const Comparison& comparison);
 
 /// {"scene", "lights", "methods": {NAME: {"meanWrongPixels", "worstTenPercent": {RANKED_BY: mean},
-/// "medianMilliseconds", ...}}, "sets": {KIND: {"lights", "methods"}}, "study"}; the outer methods are over
-/// all lights together.
+/// "medianMilliseconds", ...}}, "sets": {KIND: {"lights", "methods"}}, "frameTimes", "study"}; the outer
+/// methods are over all lights together.
 nlohmann::json ReportJson(const Comparison& comparison);
 
 /// Tables for people, in Markdown: TR-07-07's Table 1 for each set of lights and for all together.

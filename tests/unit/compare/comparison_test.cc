@@ -136,6 +136,7 @@ TEST_F(ComparisonTest, GoesOnWhereItWasInterrupted) {
 TEST_F(ComparisonTest, ReportsHoldEveryFigure) {
   ComparisonOptions options = SmallOptions();
   options.methods.push_back(Variant(Method::kDefault));
+  options.frame_times = true;
   const auto comparison = RunComparison(scene_, options, nullptr);
   ASSERT_TRUE(comparison.ok()) << comparison.status();
   const nlohmann::json json = ReportJson(*comparison);
@@ -148,10 +149,22 @@ TEST_F(ComparisonTest, ReportsHoldEveryFigure) {
   EXPECT_GT(json.at("methods").at("default").at("medianMilliseconds"), 0.0);
   EXPECT_EQ(json.at("sets").at("directional").at("lights"), 2);
 
+  ASSERT_EQ(json.at("frameTimes").size(), 15u);
+  EXPECT_EQ(json.at("frameTimes").at(14).at("lights"), 32);
+  for (const FrameTime& time : comparison->times) {
+    ASSERT_EQ(time.methods.size(), 3u);
+    for (const FrameTime::Stages& stages : time.methods) {
+      EXPECT_GT(stages.sampling, 0.0);
+      EXPECT_GT(stages.total, stages.sampling);
+    }
+  }
+  // Thirty-two lights cost more than one.
+  EXPECT_GT(comparison->times[14].methods[0].total, comparison->times[2].methods[0].total);
+
   const std::string markdown = ReportMarkdown(*comparison);
-  for (const char* text :
-       {"near plane at 0.2", "## near: 3 lights", "## directional: 2 lights", "## all: 5 lights",
-        "Against `paper`", "Against `default`", "| worst 10 % by focused |"}) {
+  for (const char* text : {"near plane at 0.2", "## near: 3 lights", "## directional: 2 lights",
+                           "## all: 5 lights", "Against `paper`", "Against `default`",
+                           "| worst 10 % by focused |", "## Time of a frame", "| 32 | 1000x1000 |"}) {
     EXPECT_THAT(markdown, testing::HasSubstr(text));
   }
   const std::string html = ReportHtml(*comparison);
