@@ -69,16 +69,19 @@ LightSet ParseKind(const std::string& text, int lights) {
   return set;
 }
 
-MethodVariant ParseMethod(const std::string& name, MapSize map_size) {
-  const auto method = MethodFromName(name);
+/// A method's name, or "default:aspect".
+MethodVariant ParseMethod(const std::string& text, MapSize map_size) {
+  MethodVariant variant{text, {}, map_size};
+  const bool free_aspect = text == "default:aspect";
+  const auto method = MethodFromName(free_aspect ? "default" : text);
   if (!method) {
-    std::vector<std::string> names;
+    std::vector<std::string> names = {"default:aspect"};
     for (const Method known : AllMethods()) names.emplace_back(MethodName(known));
     throw CLI::ValidationError("--methods",
-                               absl::StrCat("\"", name, "\" is none of ", absl::StrJoin(names, ", ")));
+                               absl::StrCat("\"", text, "\" is none of ", absl::StrJoin(names, ", ")));
   }
-  MethodVariant variant{name, {}, map_size};
   variant.options.method = *method;
+  variant.options.standard.free_aspect = free_aspect;
   return variant;
 }
 
@@ -157,7 +160,10 @@ void AddCompareCommand(CLI::App& app) {
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--seed", arguments->seed, "Of lights and views")->capture_default_str();
-  command->add_option("--methods", arguments->methods, "Methods to compare")
+  command
+      ->add_option(
+          "--methods", arguments->methods,
+          "Methods to compare; default:aspect lets the map's aspect ratio vary at the same number of texels")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--screen", arguments->screen, "Pixels that are judged")->capture_default_str();
