@@ -50,7 +50,7 @@ struct ComparisonOptions {
 struct MethodRecord {
   int wrong_pixels = 0;
   double predicted_pixels = 0.0;
-  double milliseconds = 0.0;  ///< From decoded frame to matrix, one thread, median of three.
+  double milliseconds = 0.0;  ///< Processor time from decoded frame to matrix, median of three.
   int boundary_samples = 0;
   int evaluations = 0;
   std::string note;  ///< A fallback's reason, or "failed: ..."; then the count is that of no map at all.
@@ -70,7 +70,7 @@ struct LightRecord {
 struct FrameTime {
   int lights = 1;
   MapSize map_size;
-  /// In the order of ComparisonOptions::methods; milliseconds on one thread, median of nine.
+  /// In the order of ComparisonOptions::methods; milliseconds on one thread, fastest of nine.
   struct Stages {
     double sampling = 0.0;  ///< Unprojection, boundary and hull samples, for all lights at once.
     double total = 0.0;     ///< From decoded frame to all matrices.
