@@ -59,6 +59,8 @@ struct FrameSampler::Workspace {
   // reciprocal of view distance and so affine on planes; NDC depth for an orthographic camera.
   std::vector<uint8_t> visible;
   std::vector<float> inverse_distance;
+  std::vector<uint8_t> smooth_x;  ///< 1 where the pixel and both neighbours along x lie on one surface.
+  std::vector<uint8_t> smooth_y;  ///< The same along y.
   std::vector<int32_t> active_of_pixel;
 
   // Per active pixel: one that some light needs.
@@ -78,7 +80,6 @@ struct FrameSampler::Workspace {
   bool Inside(int x, int y) const { return x >= 0 && y >= 0 && x < width && y < height; }
   bool Visible(int x, int y) const { return Inside(x, y) && visible[static_cast<size_t>(Index(x, y))] != 0; }
   float Inverse(int x, int y) const { return inverse_distance[static_cast<size_t>(Index(x, y))]; }
-  uint32_t BitsAt(const std::optional<BitsView>& bits, int x, int y) const { return bits->At(x, y); }
 
   void Begin(const Camera& frame_camera, const DepthView& frame_depth, MapSize screen);
   void FindVisible(FrameExtent* extent);
@@ -88,7 +89,8 @@ struct FrameSampler::Workspace {
   /// Magnitude of the second difference of inverse distance at (x,y) along (dx,dy), over the tolerance there:
   /// above 1 is a discontinuity. Huge where a neighbour is not visible.
   float Bend(int x, int y, int dx, int dy) const;
-  /// True where the surface goes on from (x,y) to its neighbour: either side predicts the other.
+  void FindSmooth();
+  /// True where the surface goes on from (x,y) to its visible neighbour: either side predicts the other.
   bool Continuous(int x, int y, Step step) const;
   void FindActive(const std::optional<BitsView>& bits, uint32_t all_lights);
   void AddAllVisible(size_t stride);
@@ -126,6 +128,8 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
   const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
   visible.assign(pixels, 0);
   inverse_distance.resize(pixels);
+  smooth_x.resize(pixels);
+  smooth_y.resize(pixels);
   active_of_pixel.assign(pixels, -1);
   active_pixels.clear();
   active_bits.clear();
@@ -180,8 +184,31 @@ float FrameSampler::Workspace::Bend(int x, int y, int dx, int dy) const {
   return std::abs(second) / Tolerance(x, y);
 }
 
+void FrameSampler::Workspace::FindSmooth() {
+  // Bend() <= 1 for all pixels at once, row by row and without branches.
+  std::fill(smooth_x.begin(), smooth_x.end(), 0);
+  std::fill(smooth_y.begin(), smooth_y.end(), 0);
+  const float relative = perspective ? kDiscontinuity : 0.0f;
+  const float absolute = perspective ? 0.0f : orthographic_tolerance;
+  const auto mark = [&](int y, int first_x, int last_x, int step, uint8_t* smooth) {
+    const float* inverse = inverse_distance.data() + Index(0, y);
+    const uint8_t* seen = visible.data() + Index(0, y);
+    uint8_t* out = smooth + Index(0, y);
+    for (int x = first_x; x <= last_x; ++x) {
+      const float second = std::abs(inverse[x - step] - 2.0f * inverse[x] + inverse[x + step]);
+      const int small = second <= relative * inverse[x] + absolute ? 1 : 0;
+      out[x] = static_cast<uint8_t>(small & seen[x - step] & seen[x] & seen[x + step]);
+    }
+  };
+  for (int y = 0; y < height; ++y) {
+    mark(y, 1, width - 2, 1, smooth_x.data());
+    if (y > 0 && y + 1 < height) mark(y, 0, width - 1, width, smooth_y.data());
+  }
+}
+
 bool FrameSampler::Workspace::Continuous(int x, int y, Step step) const {
-  return Bend(x, y, step.dx, step.dy) <= 1.0f || Bend(x + step.dx, y + step.dy, step.dx, step.dy) <= 1.0f;
+  const std::vector<uint8_t>& smooth = step.dx != 0 ? smooth_x : smooth_y;
+  return (smooth[static_cast<size_t>(Index(x, y))] | smooth[static_cast<size_t>(Index(x + step.dx, y + step.dy))]) != 0;
 }
 
 void FrameSampler::Workspace::FindActive(const std::optional<BitsView>& bits, uint32_t all_lights) {
@@ -197,7 +224,10 @@ void FrameSampler::Workspace::FindActive(const std::optional<BitsView>& bits, ui
       if (inner) {
         const uint32_t any_difference = (here ^ row[x - 1]) | (here ^ row[x + 1]) |
                                         (here ^ bits->At(x, y - 1)) | (here ^ bits->At(x, y + 1));
-        if (here == 0 && (any_difference & all_lights) == 0) continue;
+        const auto i = static_cast<size_t>(Index(x, y));
+        // smooth_x here means visible and continuous to both sides along x, and so along y.
+        const bool surrounded = (smooth_x[i] & smooth_y[i]) != 0;
+        if ((here == 0 || surrounded) && (any_difference & all_lights) == 0) continue;
       }
       for (const Step& step : kNeighbours) {
         const int nx = x + step.dx;
@@ -439,6 +469,7 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
   const auto all_lights =
       static_cast<uint32_t>(ray_spaces.size() >= 32 ? ~uint32_t{0} : (uint32_t{1} << ray_spaces.size()) - 1);
   if (bits) {
+    work.FindSmooth();
     work.FindActive(bits, all_lights);
     work.UnprojectActive();
     for (size_t i = 0; i < ray_spaces.size(); ++i) {
