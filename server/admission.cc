@@ -3,25 +3,9 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "google/rpc/error_details.pb.h"
 #include "server/errors.h"
 
 namespace shadowfit {
-namespace {
-
-// About the time of a few frames: soon enough for a renderer, rare enough to let the queue drain.
-constexpr int kRetryMilliseconds = 50;
-
-absl::Status Busy(std::string message) {
-  google::rpc::RetryInfo retry;
-  retry.mutable_retry_delay()->set_nanos(kRetryMilliseconds * 1'000'000);
-  absl::Status status = absl::UnavailableError(std::move(message));
-  AttachDetail(retry, status);
-  return status;
-}
-
-}  // namespace
-
 Admission::Ticket::Ticket(Ticket&& other) noexcept
     : admission_(std::exchange(other.admission_, nullptr)), bytes_(other.bytes_) {}
 
@@ -47,9 +31,9 @@ absl::StatusOr<Admission::Ticket> Admission::Admit(size_t bytes) {
   }
   const std::lock_guard lock(mutex_);
   if (jobs_ >= max_jobs_)
-    return Busy(absl::StrFormat("busy: %d requests are under way, the most allowed", jobs_));
+    return BusyError(absl::StrFormat("busy: %d requests are under way, the most allowed", jobs_));
   if (bytes_ + bytes > max_bytes_) {
-    return Busy(
+    return BusyError(
         absl::StrFormat("busy: requests of %d bytes are under way; with this one of %d they would exceed %d",
                         bytes_, bytes, max_bytes_));
   }

@@ -13,10 +13,21 @@ std::string TypeUrl(const google::protobuf::Message& message) {
   return absl::StrCat("type.googleapis.com/", message.GetDescriptor()->full_name());
 }
 
+// About the time of a few frames: soon enough for a renderer, rare enough to let the queue drain.
+constexpr int kRetryMilliseconds = 50;
+
 }  // namespace
 
 void AttachDetail(const google::protobuf::Message& detail, absl::Status& status) {
   status.SetPayload(TypeUrl(detail), absl::Cord(detail.SerializeAsString()));
+}
+
+absl::Status BusyError(std::string_view message) {
+  google::rpc::RetryInfo retry;
+  retry.mutable_retry_delay()->set_nanos(kRetryMilliseconds * 1'000'000);
+  absl::Status status = absl::UnavailableError(absl::string_view(message.data(), message.size()));
+  AttachDetail(retry, status);
+  return status;
 }
 
 absl::Status WithFieldViolation(absl::Status status, std::string_view parent) {

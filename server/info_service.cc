@@ -16,6 +16,7 @@ grpc::ServerUnaryReactor* InfoServiceImpl::GetInfo(grpc::CallbackServerContext* 
   limits.set_max_admitted_jobs(static_cast<uint32_t>(context_.options.max_admitted_jobs));
   limits.set_max_lights(kMaxLights);
   limits.set_max_frames_in_stream(static_cast<uint32_t>(context_.options.max_frames_in_stream));
+  limits.set_max_streams(static_cast<uint32_t>(context_.options.max_streams));
   limits.set_workers(static_cast<uint32_t>(context_.pool.workers()));
   v1::Load& load = *response->mutable_load();
   load.set_admitted_bytes(context_.admission.bytes());

@@ -79,6 +79,7 @@ absl::Status CheckServerOptions(const ServerOptions& options) {
   }
   status.Update(CheckPositive("max_admitted_bytes", static_cast<double>(options.max_admitted_bytes)));
   status.Update(CheckPositive("max_admitted_jobs", options.max_admitted_jobs));
+  status.Update(CheckPositive("max_streams", options.max_streams));
   status.Update(CheckPositive("max_frames_in_stream", options.max_frames_in_stream));
   status.Update(CheckSeconds("lame_duck_seconds", options.lame_duck_seconds));
   status.Update(CheckSeconds("drain_seconds", options.drain_seconds));

@@ -137,6 +137,12 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
     for (Slot& slot : slots_) free_.push_back(&slot);
     {
       const std::lock_guard lock(mutex_);
+      if (const int open = context_.streams.count(); open >= context_.options.max_streams) {
+        closed_ = true;
+        closing_status_ = BusyError(absl::StrCat("busy: ", open, " streams are open, the most allowed"));
+        FinishIfIdle();
+        return;
+      }
       ReadNext();
     }
     context_.streams.Add(self_);

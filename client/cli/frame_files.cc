@@ -101,7 +101,7 @@ std::vector<std::string> MethodNames() {
   return names;
 }
 
-absl::StatusOr<v1::Method> MethodFromName(const std::string& name) {
+absl::StatusOr<v1::Method> WireMethodFromName(const std::string& name) {
   v1::Method method = v1::METHOD_UNSPECIFIED;
   if (v1::Method_Parse(absl::StrCat(kMethodPrefix, absl::AsciiStrToUpper(name)), &method)) return method;
   return absl::InvalidArgumentError(

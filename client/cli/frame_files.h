@@ -24,6 +24,6 @@ absl::Status WriteTextFile(const std::string& path, const std::string& text);
 
 /// The names that --method takes: those of the wire's enumeration in lower case.
 std::vector<std::string> MethodNames();
-absl::StatusOr<v1::Method> MethodFromName(const std::string& name);
+absl::StatusOr<v1::Method> WireMethodFromName(const std::string& name);
 
 }  // namespace shadowfit

@@ -23,7 +23,7 @@ void PrintTable(const std::string& name, const v1::GetInfoResponse& info) {
   absl::PrintF("%-22s %d of %d\n", "requests under way", load.admitted_jobs(), limits.max_admitted_jobs());
   absl::PrintF("%-22s %.1f of %.1f MiB\n", "bytes under way", load.admitted_bytes() / kMebibyte,
                limits.max_admitted_bytes() / kMebibyte);
-  absl::PrintF("%-22s %d, %d frames each\n", "open streams", load.open_streams(),
+  absl::PrintF("%-22s %d of %d, %d frames each\n", "open streams", load.open_streams(), limits.max_streams(),
                limits.max_frames_in_stream());
   absl::PrintF("%-22s %d\n", "lights in a frame", limits.max_lights());
 }

@@ -53,7 +53,7 @@ void PrintTable(const v1::FrameResult& result) {
 void RunOptimize(const OptimizeArguments& arguments, bool json) {
   v1::Frame frame = ValueOrThrow(ReadFrameFiles(arguments.frame, arguments.depth, arguments.bits));
   if (!arguments.method.empty()) {
-    frame.mutable_options()->set_method(ValueOrThrow(MethodFromName(arguments.method)));
+    frame.mutable_options()->set_method(ValueOrThrow(WireMethodFromName(arguments.method)));
   }
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   CallOptions call;

@@ -14,6 +14,7 @@ absl::StatusOr<std::unique_ptr<ServiceConnection>> ServiceConnection::Open(const
     connection->client_ = *std::move(client);
     return connection;
   }
+  KeepLargeBuffers();
   ServerOptions options;
   options.lame_duck_seconds = 0.0;  // Its only client goes first.
   // Limits protect a shared service from its clients; here they are one.

@@ -57,6 +57,23 @@ TEST(Load, RequestsThatCanNeverFitAreToldSo) {
   EXPECT_TRUE(client->Optimize(testing::WireFrame(1, testing::RandomFrame(1, 20, 20, 1).request)).ok());
 }
 
+// gRPC refuses such a message before anyone can tell which frame it was.
+TEST(Load, AFrameAboveTheMessageLimitEndsItsStreamWithTheReason) {
+  ServerOptions options;
+  options.max_message_bytes = 100000;
+  testing::Loopback loopback(options);
+  const auto client = loopback.Connect();
+  const auto stream = client->OpenStream();
+  v1::Frame* frame = stream->Acquire();
+  *frame = testing::WireFrame(1, testing::RandomFrame(1, 200, 200, 1).request);
+  ASSERT_TRUE(stream->Submit(frame).ok());
+  const auto outcome = stream->Wait(10s);
+  ASSERT_TRUE(outcome.has_value());
+  EXPECT_TRUE(absl::IsResourceExhausted(outcome->result.status())) << outcome->result.status();
+  EXPECT_FALSE(stream->status().ok());
+  EXPECT_TRUE(client->Optimize(testing::WireFrame(1, testing::RandomFrame(1, 20, 20, 1).request)).ok());
+}
+
 // With computations on gRPC's own threads this took seconds.
 TEST(Load, HealthIsToldWhileEverythingIsBusy) {
   ServerOptions options;

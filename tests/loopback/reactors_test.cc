@@ -166,6 +166,29 @@ TEST(StreamReactor, ABusyServiceRefusesTheFrameAndKeepsTheStream) {
   EXPECT_TRUE(second->Wait(10s)->result.ok());
 }
 
+TEST(StreamReactor, NoMoreStreamsAreOpenThanAllowed) {
+  ServerOptions options = TwoWorkers();
+  options.max_streams = 2;
+  GatedService service(options);
+  service.LetThrough(10);
+  const auto client = service.Connect();
+  auto first = client->OpenStream();
+  const auto second = client->OpenStream();
+  ASSERT_TRUE(Eventually([&] { return service.context().streams.count() == 2; }));
+  const auto third = client->OpenStream();
+  ASSERT_TRUE(Eventually([&] { return !third->status().ok(); }));
+  const absl::Status status = third->Finish(10s);
+  EXPECT_TRUE(absl::IsUnavailable(status)) << status;
+  EXPECT_TRUE(HasRetryInfo(status));
+  first.reset();
+  ASSERT_TRUE(Eventually([&] { return service.context().streams.count() == 1; }));
+  const auto fourth = client->OpenStream();
+  Send(*fourth, 1);
+  EXPECT_TRUE(fourth->Wait(10s)->result.ok());
+  Send(*second, 1);
+  EXPECT_TRUE(second->Wait(10s)->result.ok());
+}
+
 TEST(StreamReactor, AFrameThatCanNeverFitIsToldSo) {
   ServerOptions options = TwoWorkers();
   options.max_admitted_bytes = 1000;

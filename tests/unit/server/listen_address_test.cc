@@ -47,6 +47,7 @@ TEST(ServerOptions, EachBadOptionIsNamed) {
       0U);
   EXPECT_EQ(message([](ServerOptions& o) { o.max_admitted_bytes = 0; }).find("max_admitted_bytes: "), 0U);
   EXPECT_EQ(message([](ServerOptions& o) { o.max_admitted_jobs = 0; }).find("max_admitted_jobs: "), 0U);
+  EXPECT_EQ(message([](ServerOptions& o) { o.max_streams = 0; }).find("max_streams: "), 0U);
   EXPECT_EQ(message([](ServerOptions& o) { o.max_frames_in_stream = 0; }).find("max_frames_in_stream: "), 0U);
   EXPECT_EQ(message([](ServerOptions& o) { o.lame_duck_seconds = -1; }).find("lame_duck_seconds: "), 0U);
   EXPECT_EQ(message([](ServerOptions& o) { o.drain_seconds = 1e9; }).find("drain_seconds: "), 0U);
