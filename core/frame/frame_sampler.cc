@@ -279,8 +279,11 @@ bool FrameSampler::Workspace::DepthDerivative(int x, int y, int dx, int dy, doub
   }
   const float forward = Visible(x + dx, y + dy) ? Bend(x + dx, y + dy, dx, dy) : 1e30f;
   const float backward = Visible(x - dx, y - dy) ? Bend(x - dx, y - dy, dx, dy) : 1e30f;
-  if (std::min(forward, backward) > 1.0f) return false;
-  *derivative = forward <= backward ? ndc(x + dx, y + dy) - ndc(x, y) : ndc(x, y) - ndc(x - dx, y - dy);
+  // A camera of extreme entries makes bends NaN: those fail every comparison, and never choose a side that
+  // may lie outside.
+  const bool use_forward = forward <= 1.0f && !(backward < forward);
+  if (!use_forward && !(backward <= 1.0f)) return false;
+  *derivative = use_forward ? ndc(x + dx, y + dy) - ndc(x, y) : ndc(x, y) - ndc(x - dx, y - dy);
   return true;
 }
 
