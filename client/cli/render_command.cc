@@ -35,7 +35,7 @@ CameraPath ReadPath(const std::string& name) {
 
 void RunRenderCommand(const RenderArguments& arguments, bool json) {
   const CameraPath path = ReadPath(arguments.path);
-  const v1::Method method = ValueOrThrow(MethodFromName(arguments.method));
+  const v1::Method method = ValueOrThrow(WireMethodFromName(arguments.method));
   const Scene scene = ValueOrThrow(LoadScene(arguments.scene));
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   RenderedPath rendered;

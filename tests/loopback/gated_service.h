@@ -122,7 +122,8 @@ class GatedService final : public v1::OptimizerService::CallbackService {
       if (permits > 0 && permits_.compare_exchange_weak(permits, permits - 1)) return absl::OkStatus();
       if (job.cancellation.Requested()) {
         ++cancelled_;
-        return absl::CancelledError("cancelled at the gate");
+        return job.cancellation.DeadlinePassed() ? absl::DeadlineExceededError("too late at the gate")
+                                                 : absl::CancelledError("cancelled at the gate");
       }
       std::this_thread::sleep_for(std::chrono::microseconds(200));
     }
