@@ -14,7 +14,7 @@ step "1/4 packages"
 step "2/4 build (build/release; several minutes the first time)"
 cd "$root"
 cmake --preset release -DSHADOWFIT_TESTS=OFF >/dev/null
-cmake --build --preset release
+cmake --build --preset release --target shadowfit shadowfit-server
 
 step "3/4 scene"
 scene=sterngarten
