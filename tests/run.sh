@@ -23,4 +23,5 @@ cmake --preset "$preset" -DSHADOWFIT_TESTS=ON >/dev/null
 cmake --build --preset "$preset"
 
 step "3/3 tests"
-exec ctest --preset "$preset" "$@"
+# Tests of deadlines and drains can fail where the machine stands still for a moment; twice in a row is a fault.
+exec ctest --preset "$preset" --repeat until-pass:2 "$@"
