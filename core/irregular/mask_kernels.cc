@@ -11,6 +11,7 @@
 #define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/irregular/mask_kernels.cc"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -206,17 +207,28 @@ HWY_INLINE VI ClampedInt(VF value, int limit) {
   return hn::ConvertTo(di, hn::Min(hn::Max(value, hn::Zero(df)), hn::Set(df, static_cast<float>(limit))));
 }
 
-HWY_INLINE VI RowOf(const Face& face, VF v) {
+/// Row * kSubrows + subrow.
+HWY_INLINE VI SubrowOf(const Face& face, VF v) {
   const VF bin = hn::Mul(hn::Sub(v, hn::Set(df, face.v_origin)), hn::Set(df, face.v_scale));
   return hn::GatherIndex(di, face.row_of_bin.data(), ClampedInt(bin, kRowBins - 1));
 }
 
-HWY_INLINE VI CellOf(const Face& face, const PlaneCoordinates& p) {
-  const VI row = RowOf(face, p.v);
+/// Row * columns + column of plane coordinate u in a row.
+HWY_INLINE VI ColumnOf(const Face& face, VI row, VF u) {
   const VF origin = hn::GatherIndex(df, face.row_u_origin.data(), row);
   const VF scale = hn::GatherIndex(df, face.row_u_scale.data(), row);
-  const VI column = ClampedInt(hn::Mul(hn::Sub(p.u, origin), scale), face.columns - 1);
-  return hn::Add(hn::Add(hn::Mul(row, hn::Set(di, face.columns)), column),
+  const VI column = ClampedInt(hn::Mul(hn::Sub(u, origin), scale), face.columns - 1);
+  return hn::Add(hn::Mul(row, hn::Set(di, face.columns)), column);
+}
+
+constexpr int kSubrowShift = 2;
+static_assert(kSubrows == 1 << kSubrowShift);
+
+HWY_INLINE VI CellOf(const Face& face, const PlaneCoordinates& p) {
+  const VI subrow = SubrowOf(face, p.v);
+  const VI column = ColumnOf(face, hn::ShiftRight<kSubrowShift>(subrow), p.u);
+  const VI within = hn::And(subrow, hn::Set(di, kSubrows - 1));
+  return hn::Add(hn::Add(hn::ShiftLeft<kSubrowShift>(column), within),
                  hn::Set(di, static_cast<int32_t>(face.first_cell)));
 }
 
@@ -240,6 +252,21 @@ HWY_INLINE MF FitsSingleFace(bool directional, const Face& face, const VF r[3]) 
                                                   hn::Le(hn::Abs(r[(face.axis + 2) % 3]), limit)));
 }
 
+/// Calls strip(x, y) for all strips of a task's rows, tile by tile: neighbours in both directions go to the
+/// same cells, while these are in the cache.
+template <typename StripFunction>
+HWY_INLINE void ForEachStrip(const SampleTask& task, const StripFunction& strip) {
+  constexpr int kTileWidth = 64, kTileHeight = 32;
+  const int width = static_cast<int>(task.padded_width);
+  for (int tile_y = task.row_begin; tile_y < task.row_end; tile_y += kTileHeight) {
+    for (int tile_x = 0; tile_x < width; tile_x += kTileWidth) {
+      for (int y = tile_y; y < std::min(tile_y + kTileHeight, task.row_end); ++y) {
+        for (int x = tile_x; x < std::min(tile_x + kTileWidth, width); x += kLanes) strip(x, y);
+      }
+    }
+  }
+}
+
 void SampleRaysImpl(const SampleTask& task, int stride, std::vector<glm::vec3>* rays) {
   HWY_ALIGN float r[3][kLanes];
   const int width = static_cast<int>(task.padded_width);
@@ -258,7 +285,6 @@ void SampleRaysImpl(const SampleTask& task, int stride, std::vector<glm::vec3>* 
 
 void BinSamplesImpl(const SampleTask& task, uint32_t* cell, uint32_t* rank, uint32_t* histogram,
                     BinCounts* counts) {
-  const int width = static_cast<int>(task.padded_width);
   const int face_count = task.single_face ? 1 : 6;
   VF u_min[6], u_max[6], v_min[6], v_max[6], farthest[6];
   for (int f = 0; f < face_count; ++f) {
@@ -266,41 +292,39 @@ void BinSamplesImpl(const SampleTask& task, uint32_t* cell, uint32_t* rank, uint
     u_max[f] = v_max[f] = farthest[f] = hn::Set(df, -kInfinity);
   }
   HWY_ALIGN uint32_t cells[kLanes];
-  for (int y = task.row_begin; y < task.row_end; ++y) {
+  ForEachStrip(task, [&](int x, int y) HWY_ATTR {
     const size_t row = task.layer->first_pixel + static_cast<size_t>(y) * task.padded_width;
-    for (int x = 0; x < width; x += kLanes) {
-      const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
-      VI result = hn::IfThenElse(hn::RebindMask(di, strip.facing_away),
-                                 hn::Set(di, static_cast<int32_t>(task.marks.shadowed)),
-                                 hn::Set(di, static_cast<int32_t>(task.marks.lit)));
-      MF wanted = hn::AndNot(hn::Or(strip.facing_away, strip.outside_cone), strip.sample);
-      counts->samples += hn::CountTrue(df, strip.sample);
-      counts->facing_away += hn::CountTrue(df, strip.facing_away);
-      counts->outside_cone += hn::CountTrue(df, strip.outside_cone);
-      if (task.single_face) {
-        const MF fits = FitsSingleFace(task.frame->directional, task.faces[0], strip.r);
-        counts->off_face += hn::CountTrue(df, hn::AndNot(fits, wanted));
-        wanted = hn::And(wanted, fits);
-      }
-      for (int f = 0; f < face_count; ++f) {
-        const Face& face = task.faces[f];
-        const MF on = task.single_face ? wanted : hn::And(wanted, OnFace(face, strip.r));
-        if (hn::AllFalse(df, on)) continue;
-        const PlaneCoordinates p = Project(task.frame->directional, face, strip.r);
-        u_min[f] = hn::IfThenElse(on, hn::Min(u_min[f], p.u), u_min[f]);
-        u_max[f] = hn::IfThenElse(on, hn::Max(u_max[f], p.u), u_max[f]);
-        v_min[f] = hn::IfThenElse(on, hn::Min(v_min[f], p.v), v_min[f]);
-        v_max[f] = hn::IfThenElse(on, hn::Max(v_max[f], p.v), v_max[f]);
-        farthest[f] = hn::IfThenElse(on, hn::Max(farthest[f], p.w), farthest[f]);
-        result = hn::IfThenElse(hn::RebindMask(di, on), CellOf(face, p), result);
-      }
-      const auto unsigned_result = hn::BitCast(du, result);
-      hn::Store(unsigned_result, du, cells);
-      hn::StoreU(unsigned_result, du, cell + row + x);
-      uint32_t* ranks = rank + row + x;
-      for (int i = 0; i < kLanes; ++i) ranks[i] = histogram[cells[i]]++;
+    const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
+    VI result = hn::IfThenElse(hn::RebindMask(di, strip.facing_away),
+                               hn::Set(di, static_cast<int32_t>(task.marks.shadowed)),
+                               hn::Set(di, static_cast<int32_t>(task.marks.lit)));
+    MF wanted = hn::AndNot(hn::Or(strip.facing_away, strip.outside_cone), strip.sample);
+    counts->samples += hn::CountTrue(df, strip.sample);
+    counts->facing_away += hn::CountTrue(df, strip.facing_away);
+    counts->outside_cone += hn::CountTrue(df, strip.outside_cone);
+    if (task.single_face) {
+      const MF fits = FitsSingleFace(task.frame->directional, task.faces[0], strip.r);
+      counts->off_face += hn::CountTrue(df, hn::AndNot(fits, wanted));
+      wanted = hn::And(wanted, fits);
     }
-  }
+    for (int f = 0; f < face_count; ++f) {
+      const Face& face = task.faces[f];
+      const MF on = task.single_face ? wanted : hn::And(wanted, OnFace(face, strip.r));
+      if (hn::AllFalse(df, on)) continue;
+      const PlaneCoordinates p = Project(task.frame->directional, face, strip.r);
+      u_min[f] = hn::IfThenElse(on, hn::Min(u_min[f], p.u), u_min[f]);
+      u_max[f] = hn::IfThenElse(on, hn::Max(u_max[f], p.u), u_max[f]);
+      v_min[f] = hn::IfThenElse(on, hn::Min(v_min[f], p.v), v_min[f]);
+      v_max[f] = hn::IfThenElse(on, hn::Max(v_max[f], p.v), v_max[f]);
+      farthest[f] = hn::IfThenElse(on, hn::Max(farthest[f], p.w), farthest[f]);
+      result = hn::IfThenElse(hn::RebindMask(di, on), CellOf(face, p), result);
+    }
+    const auto unsigned_result = hn::BitCast(du, result);
+    hn::Store(unsigned_result, du, cells);
+    hn::StoreU(unsigned_result, du, cell + row + x);
+    uint32_t* ranks = rank + row + x;
+    for (int i = 0; i < kLanes; ++i) ranks[i] = histogram[cells[i]]++;
+  });
   for (int f = 0; f < 6; ++f) {
     const bool used = f < face_count;
     counts->u_min[f] = used ? SmallestLane(u_min[f]) : kInfinity;
@@ -314,53 +338,57 @@ void BinSamplesImpl(const SampleTask& task, uint32_t* cell, uint32_t* rank, uint
 void PlaceSamplesImpl(const SampleTask& task, const uint32_t* start, const uint32_t* rank,
                       const CellMarks& mark_places, uint32_t scrap_place, uint32_t* cell_to_place,
                       float* packets) {
-  const int width = static_cast<int>(task.padded_width);
   const auto lit_mark = hn::Set(du, task.marks.lit);
   const auto shadowed_mark = hn::Set(du, task.marks.shadowed);
-  for (int y = task.row_begin; y < task.row_end; ++y) {
+  ForEachStrip(task, [&](int x, int y) HWY_ATTR {
     const size_t row = task.layer->first_pixel + static_cast<size_t>(y) * task.padded_width;
-    for (int x = 0; x < width; x += kLanes) {
-      const auto cells = hn::LoadU(du, cell_to_place + row + x);
-      const auto lit = hn::Eq(cells, lit_mark);
-      const auto shadowed = hn::Eq(cells, shadowed_mark);
-      const auto marked = hn::Or(lit, shadowed);
-      auto* place_out = cell_to_place + row + x;
-      if (hn::AllTrue(du, marked)) {
-        hn::StoreU(hn::IfThenElse(lit, hn::Set(du, mark_places.lit), hn::Set(du, mark_places.shadowed)), du,
-                   place_out);
-        continue;
-      }
-      const auto first = hn::GatherIndex(du, start, hn::BitCast(di, cells));
-      auto place = hn::Add(first, hn::LoadU(du, rank + row + x));
-      place = hn::IfThenElse(lit, hn::Set(du, mark_places.lit), place);
-      place = hn::IfThenElse(shadowed, hn::Set(du, mark_places.shadowed), place);
-      hn::StoreU(place, du, place_out);
-
-      const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
-      const auto target = hn::IfThenElse(marked, hn::Set(du, scrap_place), place);
-      // Place p is float (p / kPacket) * kPacketFloats + p % kPacket of the packets.
-      const auto lane = hn::And(target, hn::Set(du, static_cast<uint32_t>(kPacket - 1)));
-      const auto offset = hn::BitCast(di, hn::Add(hn::ShiftLeft<2>(hn::Sub(target, lane)), lane));
-      hn::ScatterIndex(strip.r[0], df, packets, offset);
-      hn::ScatterIndex(strip.r[1], df, packets + kPacket, offset);
-      hn::ScatterIndex(strip.r[2], df, packets + 2 * kPacket, offset);
-      hn::ScatterIndex(strip.error, df, packets + 3 * kPacket, offset);
+    const auto cells = hn::LoadU(du, cell_to_place + row + x);
+    const auto lit = hn::Eq(cells, lit_mark);
+    const auto shadowed = hn::Eq(cells, shadowed_mark);
+    const auto marked = hn::Or(lit, shadowed);
+    auto* place_out = cell_to_place + row + x;
+    if (hn::AllTrue(du, marked)) {
+      hn::StoreU(hn::IfThenElse(lit, hn::Set(du, mark_places.lit), hn::Set(du, mark_places.shadowed)), du,
+                 place_out);
+      return;
     }
-  }
+    const auto first = hn::GatherIndex(du, start, hn::BitCast(di, cells));
+    auto place = hn::Add(first, hn::LoadU(du, rank + row + x));
+    place = hn::IfThenElse(lit, hn::Set(du, mark_places.lit), place);
+    place = hn::IfThenElse(shadowed, hn::Set(du, mark_places.shadowed), place);
+    hn::StoreU(place, du, place_out);
+
+    const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
+    const auto target = hn::IfThenElse(marked, hn::Set(du, scrap_place), place);
+    // Place p is float (p / kPacket) * kPacketFloats + p % kPacket of the packets.
+    const auto lane = hn::And(target, hn::Set(du, static_cast<uint32_t>(kPacket - 1)));
+    const auto offset = hn::BitCast(di, hn::Add(hn::ShiftLeft<2>(hn::Sub(target, lane)), lane));
+    hn::ScatterIndex(strip.r[0], df, packets, offset);
+    hn::ScatterIndex(strip.r[1], df, packets + kPacket, offset);
+    hn::ScatterIndex(strip.r[2], df, packets + 2 * kPacket, offset);
+    hn::ScatterIndex(strip.error, df, packets + 3 * kPacket, offset);
+  });
 }
 
-void PacketFarthestImpl(const Face& face, bool directional, uint32_t begin, uint32_t end,
-                        const float* packets, float* farthest) {
-  const VF sign = hn::Set(df, directional ? 1.0f : face.sign);
-  const int axis = directional ? 2 : face.axis;
+void BoundPacketsImpl(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
+                      PacketBounds* bounds) {
   for (uint32_t p = begin; p < end; ++p) {
-    const float* values = packets + static_cast<size_t>(p) * kPacketFloats + axis * kPacket;
-    VF largest = hn::Set(df, -kInfinity);
+    const float* values = packets + static_cast<size_t>(p) * kPacketFloats;
+    VF u_min = hn::Set(df, kInfinity), v_min = u_min;
+    VF u_max = hn::Set(df, -kInfinity), v_max = u_max, farthest = u_max;
     for (int i = 0; i < kPacket; i += kLanes) {
-      const VF w = hn::Mul(sign, hn::Load(df, values + i));
-      largest = hn::Max(largest, hn::IfThenElse(hn::Eq(w, w), w, hn::Set(df, -kInfinity)));
+      const VF r[3] = {hn::Load(df, values + i), hn::Load(df, values + kPacket + i),
+                       hn::Load(df, values + 2 * kPacket + i)};
+      const PlaneCoordinates c = Project(directional, face, r);
+      const MF sample = hn::Eq(r[0], r[0]);  // Not the padding, which is NaN.
+      u_min = hn::IfThenElse(sample, hn::Min(u_min, c.u), u_min);
+      v_min = hn::IfThenElse(sample, hn::Min(v_min, c.v), v_min);
+      u_max = hn::IfThenElse(sample, hn::Max(u_max, c.u), u_max);
+      v_max = hn::IfThenElse(sample, hn::Max(v_max, c.v), v_max);
+      farthest = hn::IfThenElse(sample, hn::Max(farthest, c.w), farthest);
     }
-    farthest[p] = LargestLane(largest);
+    bounds[p] = {SmallestLane(u_min), SmallestLane(v_min), -LargestLane(u_max), -LargestLane(v_max),
+                 LargestLane(farthest)};
   }
 }
 
@@ -611,44 +639,35 @@ HWY_NOINLINE void SetUpEnds(bool directional, int lane, BlockSetup* setup) {
   setup->rows[kEndExtent][lane] = static_cast<float>(extent);
 }
 
-/// One triangle, broadcast for the test of a packet.
+/// One triangle, as the test of a packet reads it.
 struct Prepared {
-  VF edge[3][3];
-  VF threshold[3];
-  VF plane[3];
-  VF plane_d, plane_length;
+  /// Padded largest u and v, and negated smallest, in the order of PacketBounds.
+  alignas(16) float reach[4];
+  const float* column;  ///< Row k is column[k * stride].
+  int stride;
   float nearest;
   int axis;  ///< Of w among the ray coordinates, and its sign.
   float sign;
   bool sliver;
-  const float* column;  ///< Row k is column[k * stride].
-  int stride;
   const Caster* caster;
   const float* uv;  ///< Row k of the block's texture coordinates is uv[k * kBlock + lane].
   int lane;
+
+  HWY_INLINE VF Get(int row) const { return hn::Set(df, column[row * stride]); }
 };
 
 HWY_INLINE Prepared Prepare(const LightFrame& frame, const Face& face, const float* column, int stride,
                             bool sliver, const Caster* caster, const float* uv, int lane) {
-  const auto get = [column, stride](int row) { return hn::Set(df, column[row * stride]); };
-  Prepared t;
-  for (int edge = 0; edge < 3; ++edge) {
-    for (int i = 0; i < 3; ++i) t.edge[edge][i] = get(kEdge + 3 * edge + i);
-    t.threshold[edge] = get(kThreshold + edge);
-  }
-  for (int i = 0; i < 3; ++i) t.plane[i] = get(kPlane + i);
-  t.plane_d = get(kPlaneD);
-  t.plane_length = get(kPlaneLength);
-  t.nearest = column[kNearest * stride];
-  t.axis = frame.directional ? 2 : face.axis;
-  t.sign = frame.directional ? 1.0f : face.sign;
-  t.sliver = sliver;
-  t.column = column;
-  t.stride = stride;
-  t.caster = caster;
-  t.uv = uv;
-  t.lane = lane;
-  return t;
+  return {{kInfinity, kInfinity, kInfinity, kInfinity},
+          column,
+          stride,
+          column[kNearest * stride],
+          frame.directional ? 2 : face.axis,
+          frame.directional ? 1.0f : face.sign,
+          sliver,
+          caster,
+          uv,
+          lane};
 }
 
 /// Of the lanes in `bits`, those where the cutout's texture is opaque.
@@ -720,7 +739,7 @@ HWY_NOINLINE void Record(const MaskState& state, const Prepared& t, uint32_t pac
     } else {
       known |= shadow.fetch_or(static_cast<uint16_t>(behind), std::memory_order_relaxed) | behind;
       if (known == 0xFFFF) {
-        std::atomic_ref<float>(state.packet_farthest[packet]).store(-kInfinity, std::memory_order_relaxed);
+        std::atomic_ref<float>(state.bounds[packet].farthest).store(-kInfinity, std::memory_order_relaxed);
       }
     }
   }
@@ -735,23 +754,20 @@ HWY_NOINLINE void Record(const MaskState& state, const Prepared& t, uint32_t pac
 }
 
 HWY_INLINE MF BetweenEnds(const Prepared& t, bool directional, VF x, VF y, VF z) {
-  const auto get = [&t](int row) { return hn::Set(df, t.column[row * t.stride]); };
-  const VF reach = hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), directional ? get(kEndExtent) : hn::Abs(z));
+  const VF reach = hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), directional ? t.Get(kEndExtent) : hn::Abs(z));
   MF between = hn::Eq(x, x);
   for (int end = 0; end < 2; ++end) {
-    const VF third = get(kEnd + 3 * end + 2);
-    const VF e = hn::MulAdd(get(kEnd + 3 * end), x,
-                            hn::MulAdd(get(kEnd + 3 * end + 1), y, directional ? third : hn::Mul(third, z)));
-    between = hn::And(between, hn::Ge(hn::MulAdd(get(kEndMargin + end), reach, e), hn::Zero(df)));
+    const VF third = t.Get(kEnd + 3 * end + 2);
+    const VF e =
+        hn::MulAdd(t.Get(kEnd + 3 * end), x,
+                   hn::MulAdd(t.Get(kEnd + 3 * end + 1), y, directional ? third : hn::Mul(third, z)));
+    between = hn::And(between, hn::Ge(hn::MulAdd(t.Get(kEndMargin + end), reach, e), hn::Zero(df)));
   }
   return between;
 }
 
 template <bool kDirectional>
 HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t packet) {
-  const float farthest =
-      std::atomic_ref<float>(state.packet_farthest[packet]).load(std::memory_order_relaxed);
-  if (!(t.nearest <= farthest)) return;
   const float* values = state.packets + static_cast<size_t>(packet) * kPacketFloats;
   uint32_t behind = 0, on = 0;
   for (int i = 0; i < kPacket; i += kLanes) {
@@ -759,9 +775,10 @@ HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t p
     const VF y = hn::Load(df, values + kPacket + i);
     const VF z = hn::Load(df, values + 2 * kPacket + i);
     const auto inside_edge = [&](int edge) {
-      const VF* n = t.edge[edge];
-      const VF e = hn::MulAdd(n[0], x, hn::MulAdd(n[1], y, kDirectional ? n[2] : hn::Mul(n[2], z)));
-      return hn::Gt(e, t.threshold[edge]);
+      const int n = kEdge + 3 * edge;
+      const VF third = kDirectional ? t.Get(n + 2) : hn::Mul(t.Get(n + 2), z);
+      const VF e = hn::MulAdd(t.Get(n), x, hn::MulAdd(t.Get(n + 1), y, third));
+      return hn::Gt(e, t.Get(kThreshold + edge));
     };
     MF inside = hn::And(hn::And(inside_edge(0), inside_edge(1)), inside_edge(2));
     if (hn::AllFalse(df, inside)) continue;
@@ -770,8 +787,9 @@ HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t p
     inside = hn::And(inside, hn::Ge(w, hn::Set(df, t.nearest)));
     if (t.sliver) inside = hn::And(inside, BetweenEnds(t, kDirectional, x, y, z));
     const VF height =
-        hn::Sub(hn::MulAdd(t.plane[0], x, hn::MulAdd(t.plane[1], y, hn::Mul(t.plane[2], z))), t.plane_d);
-    const VF bound = hn::Mul(t.plane_length, hn::Load(df, values + 3 * kPacket + i));
+        hn::Sub(hn::MulAdd(t.Get(kPlane), x, hn::MulAdd(t.Get(kPlane + 1), y, hn::Mul(t.Get(kPlane + 2), z))),
+                t.Get(kPlaneD));
+    const VF bound = hn::Mul(t.Get(kPlaneLength), hn::Load(df, values + 3 * kPacket + i));
     const MF is_behind = hn::And(inside, hn::Gt(height, bound));
     const MF is_on = hn::And(inside, hn::Le(hn::Abs(height), bound));
     behind |= BitsOf(is_behind) << i;
@@ -788,6 +806,13 @@ struct Outline {
   float u_min, u_max, v_min, v_max;
 };
 
+HWY_INLINE void SetReach(const Outline& o, Prepared* t) {
+  t->reach[0] = o.u_max + o.pad_u;
+  t->reach[1] = o.v_max + o.pad_v;
+  t->reach[2] = o.pad_u - o.u_min;
+  t->reach[3] = o.pad_v - o.v_min;
+}
+
 HWY_INLINE void MeasureOutline(Outline* o) {
   o->u_min = o->v_min = kInfinity;
   o->u_max = o->v_max = -kInfinity;
@@ -799,38 +824,71 @@ HWY_INLINE void MeasureOutline(Outline* o) {
   }
 }
 
-HWY_INLINE int ScalarRow(const Face& face, float v) {
+HWY_INLINE int ScalarSubrow(const Face& face, float v) {
   const float bin = (v - face.v_origin) * face.v_scale;
   return face
       .row_of_bin[static_cast<size_t>(std::min(std::max(bin, 0.0f), static_cast<float>(kRowBins - 1)))];
 }
 
-HWY_INLINE int ScalarColumn(const Face& face, int row, float u) {
-  const auto r = static_cast<size_t>(row);
-  const float column = (u - face.row_u_origin[r]) * face.row_u_scale[r];
-  return static_cast<int>(std::min(std::max(column, 0.0f), static_cast<float>(face.columns - 1)));
+HWY_INLINE bool MayReach(const MaskState& state, float nearest, uint32_t packet) {
+  return nearest <= std::atomic_ref<float>(state.bounds[packet].farthest).load(std::memory_order_relaxed);
 }
 
+/// Every packet of a run.
 template <bool kDirectional>
 HWY_INLINE void TestRun(const MaskState& state, const Prepared& t, uint32_t first, uint32_t end) {
   if (first >= end) return;
-  for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) TestPacket<kDirectional>(state, t, p);
+  for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) {
+    if (MayReach(state, t.nearest, p)) TestPacket<kDirectional>(state, t, p);
+  }
 }
 
+/// Collects pairs of triangle and packet whose bounds overlap and tests them later: the loads of the next
+/// ones are then under way while one is tested.
 template <bool kDirectional>
-HWY_INLINE void TestCells(const MaskState& state, const Prepared& t, const Face& face, int row, float u_low,
-                          float u_high) {
-  const uint32_t cells = face.first_cell + static_cast<uint32_t>(row) * static_cast<uint32_t>(face.columns);
-  const uint32_t first = state.cell_start[cells + static_cast<uint32_t>(ScalarColumn(face, row, u_low))];
-  const uint32_t end = state.cell_start[cells + static_cast<uint32_t>(ScalarColumn(face, row, u_high)) + 1];
-  TestRun<kDirectional>(state, t, first, end);
-}
+class PacketQueue {
+ public:
+  explicit PacketQueue(const MaskState& state) : state_(state) {}
+
+  /// The packets of samples [first, end), against triangle `t`, which must outlive Flush.
+  HWY_INLINE void Add(const Prepared* t, uint32_t first, uint32_t end) {
+    if (first >= end) return;
+    const auto reach = hn::Load(d4_, t->reach);
+    for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) {
+      const auto bounds = hn::Load(d4_, &state_.bounds[p].u_min);
+      if (!hn::AllTrue(d4_, hn::Le(bounds, reach)) || !MayReach(state_, t->nearest, p)) continue;
+      const float* values = state_.packets + static_cast<size_t>(p) * kPacketFloats;
+      hwy::Prefetch(values);
+      hwy::Prefetch(values + kPacket);
+      hwy::Prefetch(values + 2 * kPacket);
+      entries_[count_++] = {t, p};
+      if (count_ == kCapacity) Flush();
+    }
+  }
+
+  HWY_INLINE void Flush() {
+    for (int i = 0; i < count_; ++i)
+      TestPacket<kDirectional>(state_, *entries_[i].triangle, entries_[i].packet);
+    count_ = 0;
+  }
+
+ private:
+  static constexpr int kCapacity = 64;
+  struct Entry {
+    const Prepared* triangle;
+    uint32_t packet;
+  };
+  const hn::FixedTag<float, 4> d4_;
+  const MaskState& state_;
+  Entry entries_[kCapacity];
+  int count_ = 0;
+};
 
 /// Rows [row_begin, row_end) of a larger outline: the range of u that it covers in each row, kLanes rows at a
 /// time. In the slab of a row the extremes are at corners inside it and where edges cross its two borders.
 template <bool kDirectional>
 HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face& face, const Outline& o,
-                           int row_begin, int row_end) {
+                           int row_begin, int row_end, PacketQueue<kDirectional>* queue) {
   struct Edge {
     float u, v, v_end, slope;
   };
@@ -878,10 +936,10 @@ HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face
     hn::Store(ClampedInt(hn::Mul(hn::Sub(hn::Add(high, pad), origin), scale), face.columns - 1), di, last);
     for (int i = 0; i < std::min(kLanes, row_end - row); ++i) {
       if (!(span[i] >= 0.0f)) continue;
-      const uint32_t cells =
-          face.first_cell + static_cast<uint32_t>(row + i) * static_cast<uint32_t>(face.columns);
-      TestRun<kDirectional>(state, t, state.cell_start[cells + static_cast<uint32_t>(first[i])],
-                            state.cell_start[cells + static_cast<uint32_t>(last[i]) + 1]);
+      const auto row_columns = static_cast<uint32_t>(row + i) * static_cast<uint32_t>(face.columns);
+      const uint32_t* starts = state.cell_start + face.first_cell;
+      queue->Add(&t, starts[(row_columns + static_cast<uint32_t>(first[i])) * kSubrows],
+                 starts[(row_columns + static_cast<uint32_t>(last[i]) + 1) * kSubrows]);
     }
   }
 }
@@ -913,25 +971,17 @@ HWY_NOINLINE void TestBsp(const MaskState& state, const Prepared& t, const std::
 constexpr int kDeferRows = 24;
 constexpr uint32_t kDeferPackets = 1024;
 
+/// A larger triangle, or one that was clipped.
 template <bool kDirectional>
-HWY_INLINE void TestOutline(const MaskState& state, const Prepared& t, const Face& face, int face_index,
-                            const Outline& o, std::vector<DeferredTriangle>* deferred) {
-  if (state.search == Search::kBsp) {
-    TestBsp<kDirectional>(state, t, state.bsp[face_index], o);
-    return;
-  }
-  const int row_begin = ScalarRow(face, o.v_min - o.pad_v);
-  const int row_end = ScalarRow(face, o.v_max + o.pad_v) + 1;
-  if (row_end - row_begin <= 2) {
-    for (int row = row_begin; row < row_end; ++row) {
-      TestCells<kDirectional>(state, t, face, row, o.u_min - o.pad_u, o.u_max + o.pad_u);
-    }
-    return;
-  }
+HWY_NOINLINE void TestOutline(const MaskState& state, const Prepared& t, const Face& face, int face_index,
+                              const Outline& o, std::vector<DeferredTriangle>* deferred,
+                              PacketQueue<kDirectional>* queue) {
+  const int row_begin = ScalarSubrow(face, o.v_min - o.pad_v) / kSubrows;
+  const int row_end = ScalarSubrow(face, o.v_max + o.pad_v) / kSubrows + 1;
   if (deferred != nullptr && row_end - row_begin > kDeferRows && deferred->size() < deferred->capacity()) {
-    const auto columns = static_cast<uint32_t>(face.columns);
-    const uint32_t samples = state.cell_start[face.first_cell + static_cast<uint32_t>(row_end) * columns] -
-                             state.cell_start[face.first_cell + static_cast<uint32_t>(row_begin) * columns];
+    const auto row_cells = static_cast<uint32_t>(face.columns * kSubrows);
+    const uint32_t samples = state.cell_start[face.first_cell + static_cast<uint32_t>(row_end) * row_cells] -
+                             state.cell_start[face.first_cell + static_cast<uint32_t>(row_begin) * row_cells];
     const float share = (o.u_max - o.u_min) / std::max(face.u_max - face.u_min, 1e-30f);
     if (static_cast<float>(samples) * std::min(share, 1.0f) > static_cast<float>(kDeferPackets * kPacket)) {
       DeferredTriangle& d = deferred->emplace_back();
@@ -949,7 +999,7 @@ HWY_INLINE void TestOutline(const MaskState& state, const Prepared& t, const Fac
       return;
     }
   }
-  TestRows<kDirectional>(state, t, face, o, row_begin, row_end);
+  TestRows<kDirectional>(state, t, face, o, row_begin, row_end, queue);
 }
 
 /// Clips a triangle that crosses the light's plane of this face, or spans very much of it, to the samples'
@@ -1021,7 +1071,9 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
   const float* uv = blocks.uvs == nullptr ? nullptr : blocks.uvs + block * 6 * kBlock;
   const bool exhaustive = state.search == Search::kExhaustive;
   BlockSetup setup;
-  HWY_ALIGN float u[3][kLanes], v[3][kLanes], pad_u[kLanes], pad_v[kLanes];
+  HWY_ALIGN float u[3][kLanes], v[3][kLanes], pads[kLanes];
+  Prepared prepared[kLanes];
+  PacketQueue<kDirectional> queue(state);
   for (int offset = 0; offset < kBlock; offset += kLanes) {
     Corner corners[3];
     TransformBlock(*state.frame, geometry, offset, corners);
@@ -1086,8 +1138,7 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
       const VF spread = hn::Load(df, &setup.rows[kSpread][offset]);
       const VF pad =
           hn::Mul(roundoff, hn::Add(hn::Set(df, 2.0f), hn::Min(spread, hn::Set(df, kSliverSpread))));
-      hn::Store(pad, df, pad_u);
-      hn::Store(pad, df, pad_v);
+      hn::Store(pad, df, pads);
       hn::Store(nearest, df, &setup.rows[kNearest][offset]);
       for (int corner = 0; corner < 3; ++corner) {
         hn::Store(p[corner].u, df, u[corner]);
@@ -1095,45 +1146,68 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
       }
       const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
 
-      // 3. One triangle at a time over the samples.
+      // 3. Runs of packets of those that cover no more than two rows of cells, all lanes at once.
+      HWY_ALIGN uint32_t first[2][kLanes], end[2][kLanes];
+      uint32_t small_bits = 0;
+      if (state.search == Search::kGrid) {
+        const VI row_low = hn::ShiftRight<kSubrowShift>(SubrowOf(face, hn::Sub(v_low, pad)));
+        const VI row_high = hn::ShiftRight<kSubrowShift>(SubrowOf(face, hn::Add(v_high, pad)));
+        const auto two = hn::Gt(row_high, row_low);
+        small_bits =
+            quick_bits & BitsOf(hn::RebindMask(df, hn::Lt(hn::Sub(row_high, row_low), hn::Set(di, 2))));
+        if (small_bits != 0) {
+          const int* starts = reinterpret_cast<const int*>(state.cell_start + face.first_cell);
+          for (int run = 0; run < 2; ++run) {
+            const VI row = run == 0 ? row_low : row_high;
+            const VI from = ColumnOf(face, row, hn::Sub(u_low, pad));
+            const VI to = hn::Add(ColumnOf(face, row, hn::Add(u_high, pad)), hn::Set(di, 1));
+            const VI low = hn::GatherIndex(di, starts, hn::ShiftLeft<kSubrowShift>(from));
+            VI high = hn::GatherIndex(di, starts, hn::ShiftLeft<kSubrowShift>(to));
+            if (run == 1) high = hn::IfThenElse(two, high, low);
+            hn::Store(hn::BitCast(du, low), du, first[run]);
+            hn::Store(hn::BitCast(du, high), du, end[run]);
+          }
+        }
+      }
       for (uint32_t bits = quick_bits | clipped_bits; bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         const int lane = offset + i;
+        const bool is_quick = (quick_bits >> i & 1u) != 0;
         const bool sliver = (slivers >> i & 1u) != 0;
         if (sliver) SetUpEnds(kDirectional, lane, &setup);
         Outline outline;
-        if (exhaustive) {
-          if ((quick_bits >> i & 1u) == 0 &&
-              !ClippedOutline(kDirectional, face, setup, lane, &outline, &setup.rows[kNearest][lane])) {
-            setup.rows[kNearest][lane] = -kInfinity;
-          }
-          const Prepared t =
-              Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
-          TestRun<kDirectional>(state, t, face.first_packet * kPacket, face.end_packet * kPacket);
-          continue;
-        }
-        if ((quick_bits >> i & 1u) != 0) {
+        if (is_quick) {
           outline.corners = 3;
           for (int corner = 0; corner < 3; ++corner) {
             outline.u[corner] = u[corner][i];
             outline.v[corner] = v[corner][i];
           }
+          outline.pad_u = outline.pad_v = pads[i];
           MeasureOutline(&outline);
-        } else if (!ClippedOutline(kDirectional, face, setup, lane, &outline, &setup.rows[kNearest][lane])) {
-          continue;
-        }
-        if ((quick_bits >> i & 1u) != 0) {
-          outline.pad_u = pad_u[i];
-          outline.pad_v = pad_v[i];
-        } else {
+        } else if (ClippedOutline(kDirectional, face, setup, lane, &outline, &setup.rows[kNearest][lane])) {
           outline.pad_u = outline.pad_v =
               8.0f * kUnitRoundoff * (2.0f + std::min(setup.rows[kSpread][lane], kSliverSpread)) *
               (kDirectional ? 64.0f * face_reach : 1.0f + 2.0f * face_reach * face_reach);
+        } else if (!exhaustive) {
+          continue;
+        } else {
+          setup.rows[kNearest][lane] = -kInfinity;
         }
-        const Prepared t =
-            Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
-        TestOutline<kDirectional>(state, t, face, f, outline, deferred);
+        Prepared& t = prepared[i];
+        t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
+        if (exhaustive) {
+          TestRun<kDirectional>(state, t, face.first_packet * kPacket, face.end_packet * kPacket);
+        } else if (state.search == Search::kBsp) {
+          TestBsp<kDirectional>(state, t, state.bsp[f], outline);
+        } else if ((small_bits >> i & 1u) != 0) {
+          SetReach(outline, &t);
+          for (int run = 0; run < 2; ++run) queue.Add(&t, first[run][i], end[run][i]);
+        } else {
+          SetReach(outline, &t);
+          TestOutline<kDirectional>(state, t, face, f, outline, deferred, &queue);
+        }
       }
+      queue.Flush();
     }
   }
 }
@@ -1158,14 +1232,19 @@ void WalkDeferredImpl(const MaskState& state, const DeferredTriangle& triangle, 
   outline.pad_v = triangle.pad_v;
   MeasureOutline(&outline);
   const Face& face = state.faces[triangle.face];
-  const Prepared t = Prepare(*state.frame, face, triangle.values, 1, triangle.sliver, triangle.caster,
-                             triangle.uv, triangle.lane);
-  const int first = std::max(row_begin, ScalarRow(face, outline.v_min - outline.pad_v));
-  const int end = std::min(row_end, ScalarRow(face, outline.v_max + outline.pad_v) + 1);
+  Prepared t = Prepare(*state.frame, face, triangle.values, 1, triangle.sliver, triangle.caster, triangle.uv,
+                       triangle.lane);
+  SetReach(outline, &t);
+  const int first = std::max(row_begin, ScalarSubrow(face, outline.v_min - outline.pad_v) / kSubrows);
+  const int end = std::min(row_end, ScalarSubrow(face, outline.v_max + outline.pad_v) / kSubrows + 1);
   if (state.frame->directional) {
-    TestRows<true>(state, t, face, outline, first, end);
+    PacketQueue<true> queue(state);
+    TestRows<true>(state, t, face, outline, first, end, &queue);
+    queue.Flush();
   } else {
-    TestRows<false>(state, t, face, outline, first, end);
+    PacketQueue<false> queue(state);
+    TestRows<false>(state, t, face, outline, first, end, &queue);
+    queue.Flush();
   }
 }
 
@@ -1198,7 +1277,7 @@ namespace shadowfit::irregular {
 HWY_EXPORT(SampleRaysImpl);
 HWY_EXPORT(BinSamplesImpl);
 HWY_EXPORT(PlaceSamplesImpl);
-HWY_EXPORT(PacketFarthestImpl);
+HWY_EXPORT(BoundPacketsImpl);
 HWY_EXPORT(WalkTrianglesImpl);
 HWY_EXPORT(WalkDeferredImpl);
 HWY_EXPORT(PackBitsImpl);
@@ -1219,9 +1298,9 @@ void PlaceSamples(const SampleTask& task, const uint32_t* start, const uint32_t*
   (task, start, rank, mark_places, scrap_place, cell_to_place, packets);
 }
 
-void PacketFarthest(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
-                    float* farthest) {
-  HWY_DYNAMIC_DISPATCH(PacketFarthestImpl)(face, directional, begin, end, packets, farthest);
+void BoundPackets(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
+                  PacketBounds* bounds) {
+  HWY_DYNAMIC_DISPATCH(BoundPacketsImpl)(face, directional, begin, end, packets, bounds);
 }
 
 void WalkTriangles(const MaskState& state, const CasterBlocks& blocks,

@@ -23,6 +23,9 @@ inline constexpr int kBlockFloats = 9 * kBlock;
 inline constexpr int kPacketFloats = 4 * kPacket;
 /// The v axis of a face is cut into this many equal bins, which the layout gathers into rows.
 inline constexpr int kRowBins = 4096;
+/// Each row of cells is divided into this many, so that packets of a crowded place are no taller than they
+/// are wide.
+inline constexpr int kSubrows = 4;
 
 /// Half an ulp of 1 in single precision.
 inline constexpr float kUnitRoundoff = 0x1p-24f;
@@ -69,7 +72,7 @@ struct Face {
   float v_origin = 0.0f, v_scale = 0.0f;
   int rows = 0, columns = 0;
   uint32_t first_cell = 0;
-  std::vector<int32_t> row_of_bin;                   ///< kRowBins
+  std::vector<int32_t> row_of_bin;                   ///< Row * kSubrows + subrow of each of kRowBins
   std::vector<float> row_v_low, row_v_high;          ///< Padded for rounding; rows + kPacket values.
   std::vector<float> row_u_origin, row_u_scale;      ///< rows + kPacket values.
   float u_min = 0, u_max = 0, v_min = 0, v_max = 0;  ///< Of all samples.
@@ -99,6 +102,12 @@ struct SampleTask {
   CellMarks marks{};
   size_t padded_width = 0;  ///< Of per-pixel arrays; a multiple of kPacket.
   int row_begin = 0, row_end = 0;
+};
+
+/// What is known of a packet before its samples are looked at.
+struct alignas(32) PacketBounds {
+  float u_min, v_min, minus_u_max, minus_v_max;
+  float farthest;  ///< Largest w (directional: r.z); -infinity once all of it is in shadow.
 };
 
 /// A node of the paper's BSP over the samples of one face.
@@ -145,7 +154,7 @@ struct MaskState {
   const uint32_t* cell_start = nullptr;
   const std::vector<BspNode>* bsp = nullptr;  ///< One tree a face.
   const float* packets = nullptr;
-  float* packet_farthest = nullptr;   ///< Largest w in the packet; -infinity once all of it is in shadow.
+  PacketBounds* bounds = nullptr;
   uint16_t* shadow = nullptr;         ///< Bit per sample: a caster certainly blocks it.
   uint16_t* touched = nullptr;        ///< Bit per sample: it lies on a caster, within the error bound.
   uint16_t* touched_twice = nullptr;  ///< Bit per sample: on two.
@@ -173,9 +182,9 @@ void PlaceSamples(const SampleTask& task, const uint32_t* start, const uint32_t*
                   const CellMarks& mark_places, uint32_t scrap_place, uint32_t* cell_to_place,
                   float* packets);
 
-/// The largest w (directional: r.z) of each packet of a face.
-void PacketFarthest(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
-                    float* farthest);
+/// Bounds of packets [begin, end) of a face.
+void BoundPackets(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
+                  PacketBounds* bounds);
 
 /// Tests blocks of triangles. Triangles that cover very many packets are appended to `deferred` instead, up
 /// to its capacity.

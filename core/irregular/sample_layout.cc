@@ -6,9 +6,9 @@
 namespace shadowfit::irregular {
 namespace {
 
-/// A row is as high as a packet of samples is wide where samples are evenly spread, and its cells are
-/// narrower by this factor: a run of cells then overshoots a small triangle by little.
-constexpr double kCellsPerPacket = 4.0;
+/// A row is as high as a packet of samples is wide where samples are evenly spread, and its columns are
+/// narrower by this factor: a run of columns then overshoots a small triangle by little.
+constexpr double kColumnsPerPacket = 2.0;
 /// Bounds the table of cells, which every thread counts into, to a share of the second-level cache.
 constexpr double kMostRows = 256.0;
 
@@ -83,7 +83,8 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
   const double wanted_rows =
       std::clamp(std::sqrt(static_cast<double>(expected_samples) / kPacket), 1.0, kMostRows);
   const double row_samples = static_cast<double>(expected_samples) / wanted_rows;
-  face->columns = static_cast<int>(std::clamp(row_samples / kPacket * kCellsPerPacket, 1.0, 4.0 * kMostRows));
+  face->columns = static_cast<int>(
+      std::clamp(row_samples / kPacket * kColumnsPerPacket, 1.0, kColumnsPerPacket * kMostRows));
 
   // 1. Bins of v, then rows of bins of about equal population.
   float v_min = std::numeric_limits<float>::infinity(), v_max = -v_min;
@@ -100,18 +101,16 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
     return static_cast<size_t>(std::clamp((v - face->v_origin) * face->v_scale, 0.0f, float{kRowBins - 1}));
   };
   for (const glm::vec2& p : uv) ++face->row_of_bin[bin_of(p.y)];
-  const double quota = std::max(static_cast<double>(uv.size()) / wanted_rows, 1.0);
+  const double quota = std::max(static_cast<double>(uv.size()) / (wanted_rows * kSubrows), 1.0);
   double taken = 0.0;
-  int row = 0;
+  int subrow = 0;
   face->row_v_low.clear();
   face->row_v_high.clear();
   const auto border = [face](int bin) {
     // Bins of samples come from rounded arithmetic: a hundredth of a bin and a few units in the last place.
-    const double v =
-        static_cast<double>(face->v_origin) +
-        (face->v_scale > 0.0f ? static_cast<double>(bin) / static_cast<double>(face->v_scale) : 0.0);
-    const double slack = (face->v_scale > 0.0f ? 0.01 / static_cast<double>(face->v_scale) : 0.0) +
-                         4.0 * static_cast<double>(kUnitRoundoff) * std::abs(v);
+    const double bins = face->v_scale > 0.0f ? 1.0 / static_cast<double>(face->v_scale) : 0.0;
+    const double v = static_cast<double>(face->v_origin) + bin * bins;
+    const double slack = 0.01 * bins + 4.0 * static_cast<double>(kUnitRoundoff) * std::abs(v);
     return std::pair(static_cast<float>(v - slack), static_cast<float>(v + slack));
   };
   face->row_v_low.push_back(-std::numeric_limits<float>::infinity());
@@ -119,16 +118,18 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
     const auto index = static_cast<size_t>(bin);
     const double population = face->row_of_bin[index];
     if (taken > 0.0 && taken + 0.5 * population > quota && face->v_scale > 0.0f) {
-      face->row_v_high.push_back(border(bin).second);
-      face->row_v_low.push_back(border(bin).first);
-      ++row;
+      ++subrow;
       taken = 0.0;
+      if (subrow % kSubrows == 0) {
+        face->row_v_high.push_back(border(bin).second);
+        face->row_v_low.push_back(border(bin).first);
+      }
     }
     taken += population;
-    face->row_of_bin[index] = row;
+    face->row_of_bin[index] = subrow;
   }
   face->row_v_high.push_back(std::numeric_limits<float>::infinity());
-  face->rows = row + 1;
+  face->rows = subrow / kSubrows + 1;
 
   // 2. Each row's range of u, a little wider than its typical samples.
   const auto padded_rows = static_cast<size_t>(face->rows + kPacket);
@@ -138,7 +139,7 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
   high.assign(padded_rows, -std::numeric_limits<float>::infinity());
   float u_min = low[0], u_max = high[0];
   for (const glm::vec2& p : uv) {
-    const auto r = static_cast<size_t>(face->row_of_bin[bin_of(p.y)]);
+    const auto r = static_cast<size_t>(face->row_of_bin[bin_of(p.y)] / kSubrows);
     low[r] = std::min(low[r], p.x);
     high[r] = std::max(high[r], p.x);
     u_min = std::min(u_min, p.x);

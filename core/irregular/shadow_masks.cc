@@ -95,7 +95,7 @@ struct MaskRenderer::Workspace {
   // Per sample, in sorted order.
   AlignedBuffer<float> packets;
   AlignedBuffer<float> bsp_packets;
-  AlignedBuffer<float> packet_farthest;
+  AlignedBuffer<PacketBounds> packet_bounds;
   AlignedBuffer<uint16_t> shadow, touched, touched_twice;
   AlignedBuffer<uint32_t> absorbance;
   AlignedBuffer<uint8_t> packet_lock;
@@ -355,7 +355,7 @@ void MaskRenderer::Workspace::PlanFaces(size_t expected_samples) {
     population[static_cast<size_t>(f)] = uv.size();
     PlanFace(uv, expected_samples * uv.size() / std::max<size_t>(rays.size(), 1), &face);
     face.first_cell = cells;
-    cells += static_cast<uint32_t>(face.rows * face.columns);
+    cells += static_cast<uint32_t>(face.rows * face.columns * kSubrows);
   }
 }
 
@@ -386,11 +386,12 @@ absl::Status MaskRenderer::Workspace::ReserveSamples(const MaskRequest& request)
     const Face& face = faces[static_cast<size_t>(f)];
     tbb::parallel_for(tbb::blocked_range<int>(0, face.rows, 16), [&](const tbb::blocked_range<int>& range) {
       for (int row = range.begin(); row != range.end(); ++row) {
-        const size_t first = face.first_cell + static_cast<size_t>(row) * static_cast<size_t>(face.columns);
+        const size_t row_cells = static_cast<size_t>(face.columns) * kSubrows;
+        const size_t first = face.first_cell + static_cast<size_t>(row) * row_cells;
         uint32_t samples = 0;
         for (size_t chunk = 0; chunk < chunks.size(); ++chunk) {
           const uint32_t* counts = histograms.data() + chunk * stride + first;
-          for (int column = 0; column < face.columns; ++column) samples += counts[column];
+          for (size_t cell = 0; cell < row_cells; ++cell) samples += counts[cell];
         }
         row_packets[row_base + static_cast<size_t>(row)] = (samples + kPacket - 1) / kPacket;
       }
@@ -414,7 +415,7 @@ absl::Status MaskRenderer::Workspace::ReserveSamples(const MaskRequest& request)
   end_packet = packet;
 
   const size_t all = size_t{end_packet} + 4;
-  const bool reserved = packets.Reserve(all * kPacketFloats) && packet_farthest.Reserve(all) &&
+  const bool reserved = packets.Reserve(all * kPacketFloats) && packet_bounds.Reserve(all) &&
                         shadow.Reserve(all) && touched.Reserve(all) && touched_twice.Reserve(all) &&
                         cell_start.Reserve(size_t{cells} + 1) &&
                         (request.output == MaskOutput::kBits ||
@@ -433,9 +434,10 @@ void MaskRenderer::Workspace::PlaceAll(const Cancellation* cancellation) {
     const Face& face = faces[static_cast<size_t>(f)];
     tbb::parallel_for(tbb::blocked_range<int>(0, face.rows, 16), [&](const tbb::blocked_range<int>& range) {
       for (int row = range.begin(); row != range.end(); ++row) {
-        const size_t first = face.first_cell + static_cast<size_t>(row) * static_cast<size_t>(face.columns);
+        const size_t row_cells = static_cast<size_t>(face.columns) * kSubrows;
+        const size_t first = face.first_cell + static_cast<size_t>(row) * row_cells;
         uint32_t at = row_packets[row_base + static_cast<size_t>(row)] * kPacket;
-        for (size_t cell = first; cell < first + static_cast<size_t>(face.columns); ++cell) {
+        for (size_t cell = first; cell < first + row_cells; ++cell) {
           cell_start[cell] = at;
           for (size_t chunk = 0; chunk < chunks.size(); ++chunk) {
             uint32_t& count = histograms[chunk * stride + cell];
@@ -502,7 +504,7 @@ absl::Status MaskRenderer::Workspace::BuildBspOrder(const Cancellation* cancella
   }
   const size_t all = size_t{packet} + 4;
   // Grown here, and with them what the walk writes.
-  if (!bsp_packets.Reserve(all * kPacketFloats) || !packet_farthest.Reserve(all) || !shadow.Reserve(all) ||
+  if (!bsp_packets.Reserve(all * kPacketFloats) || !packet_bounds.Reserve(all) || !shadow.Reserve(all) ||
       !touched.Reserve(all) || !touched_twice.Reserve(all) ||
       (absorbance.capacity() != 0 && (!absorbance.Reserve(all * 3 * kPacket) || !packet_lock.Reserve(all)))) {
     return OutOfMemory(pixels);
@@ -606,7 +608,7 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
   state.cell_start = cell_start.data();
   state.bsp = bsp.data();
   state.packets = packets.data();
-  state.packet_farthest = packet_farthest.data();
+  state.bounds = packet_bounds.data();
   state.shadow = shadow.data();
   state.touched = touched.data();
   state.touched_twice = touched_twice.data();
@@ -624,8 +626,8 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
     const Face& face = faces[static_cast<size_t>(f)];
     tbb::parallel_for(tbb::blocked_range<uint32_t>(face.first_packet, face.end_packet, 4096),
                       [&](const tbb::blocked_range<uint32_t>& range) {
-                        PacketFarthest(face, frame.directional, range.begin(), range.end(), packets.data(),
-                                       packet_farthest.data());
+                        BoundPackets(face, frame.directional, range.begin(), range.end(), packets.data(),
+                                     packet_bounds.data());
                       });
   }
   for (auto& list : deferred) list.clear();
@@ -894,7 +896,7 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
 size_t MaskRenderer::MemoryBytes() const {
   const Workspace& w = *workspace_;
   size_t bytes = w.place.MemoryBytes() + w.rank.MemoryBytes() + w.packets.MemoryBytes() +
-                 w.bsp_packets.MemoryBytes() + w.packet_farthest.MemoryBytes() + w.shadow.MemoryBytes() +
+                 w.bsp_packets.MemoryBytes() + w.packet_bounds.MemoryBytes() + w.shadow.MemoryBytes() +
                  w.touched.MemoryBytes() + w.touched_twice.MemoryBytes() + w.absorbance.MemoryBytes() +
                  w.packet_lock.MemoryBytes() + w.histograms.MemoryBytes() + w.cell_start.MemoryBytes();
   for (const auto& mask : w.bits) bytes += mask.capacity();

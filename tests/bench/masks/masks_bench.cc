@@ -1,0 +1,213 @@
+// Alias-free masks beside Embree's shadow rays: everything from the depth buffer to the packed mask, in
+// ratios to Embree's best kernel, interleaved in one run. See --help.
+
+#include <hwy/targets.h>
+#include <tbb/blocked_range.h>
+#include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <ctime>
+#include <string>
+#include <vector>
+
+#include "core/irregular/shadow_masks.h"
+#include "tests/bench/masks/bench_scenes.h"
+#include "tests/bench/masks/embree_shadows.h"
+
+namespace shadowfit::bench {
+
+/// With --cpu: processor time of all threads, which other load on the machine disturbs less than elapsed
+/// time.
+bool measure_cpu = false;
+
+namespace {
+
+double Now() {
+  timespec t{};
+  clock_gettime(measure_cpu ? CLOCK_PROCESS_CPUTIME_ID : CLOCK_MONOTONIC, &t);
+  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
+}
+
+double Milliseconds(const auto& work) {
+  const double start = Now();
+  work();
+  return Now() - start;
+}
+
+double Median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  return values[values.size() / 2];
+}
+
+std::vector<glm::vec3> Positions(const BenchScene& bench, const Camera& camera,
+                                 const std::vector<float>& depth) {
+  std::vector<glm::vec3> positions(depth.size(), glm::vec3(NAN));
+  for (size_t i = 0; i < depth.size(); ++i) {
+    if (depth[i] >= 1.0f) continue;
+    const double x = (double(i % size_t(bench.width)) + 0.5) * 2.0 / bench.width - 1.0;
+    const double y = (double(i / size_t(bench.width)) + 0.5) * 2.0 / bench.height - 1.0;
+    const glm::dvec4 h = camera.WsFromNdc({x, y, 2.0 * double(depth[i]) - 1.0});
+    positions[i] = glm::vec3(glm::dvec3(h) / h.w);
+  }
+  return positions;
+}
+
+struct Options {
+  int repeats = 9;
+  bool avx2 = true;
+  bool bsp = false;
+  bool phases = true;
+  bool embree = true;
+};
+
+void Run(const BenchScene& bench, const Options& options, int threads) {
+  const Camera camera = *Camera::Create(bench.camera);
+  EmbreeShadows embree(bench, threads);
+  embree.Build(RTC_BUILD_QUALITY_MEDIUM);
+  const std::vector<float> depth = embree.Depth(camera);
+  const std::vector<glm::vec3> positions = Positions(bench, camera, depth);
+  const absl::StatusOr<MaskScene> scene = MaskScene::Create(bench.scene);
+  const bool transmit = scene->HasTransmittance();
+  ReceiverLayer layer;
+  layer.depth = BottomFirst(depth.data(), bench.width, bench.height);
+  const Light light = bench.light;
+  MaskRequest request;
+  request.scene = &*scene;
+  request.camera = &camera;
+  request.layers = {&layer, 1};
+  request.lights = {&light, 1};
+  request.output = transmit ? MaskOutput::kTransmittance : MaskOutput::kBits;
+
+  // Embree's best kernel for this scene and each quality.
+  std::vector<uint8_t> shadow;
+  std::vector<float> transmittance;
+  TraceMode best[2];
+  const RTCBuildQuality qualities[2] = {RTC_BUILD_QUALITY_LOW, RTC_BUILD_QUALITY_MEDIUM};
+  for (int q = 0; q < 2 && options.embree; ++q) {
+    embree.Build(qualities[q]);
+    double least = 1e300;
+    for (const TraceMode& mode : AllTraceModes()) {
+      double time = 1e300;
+      for (int i = 0; i < 2; ++i) {
+        time = std::min(
+            time, Milliseconds([&] { embree.Trace(positions, mode, transmit, &shadow, &transmittance); }));
+      }
+      if (time < least) least = time, best[q] = mode;
+    }
+  }
+
+  MaskRenderer renderer;
+  std::vector<double> ours, ours_avx2, ours_bsp, build[2], trace[2], ratio[2], trace_ratio, avx2_ratio;
+  MaskTimings sum;
+  std::vector<MaskTimings> phases;
+  LightMask mask;
+  const auto render = [&] {
+    const auto masks = renderer.Render(request);
+    if (!masks.ok()) {
+      std::fprintf(stderr, "%s\n", masks.status().ToString().c_str());
+      std::exit(1);
+    }
+    mask = (*masks)[0];
+  };
+  render();
+  for (int i = 0; i < options.repeats; ++i) {
+    ours.push_back(Milliseconds(render));
+    phases.push_back(mask.milliseconds);
+    if (options.avx2) {
+      hwy::SetSupportedTargetsForTest(HWY_AVX2 | HWY_SSE4);
+      ours_avx2.push_back(Milliseconds(render));
+      hwy::SetSupportedTargetsForTest(0);
+    }
+    for (int q = 0; q < 2 && options.embree; ++q) {
+      build[q].push_back(Milliseconds([&] { embree.Build(qualities[q]); }));
+      trace[q].push_back(
+          Milliseconds([&] { embree.Trace(positions, best[q], transmit, &shadow, &transmittance); }));
+    }
+  }
+  if (options.bsp) {
+    request.method = MaskMethod::kBsp;
+    render();
+    for (int i = 0; i < 3; ++i) ours_bsp.push_back(Milliseconds(render));
+    request.method = MaskMethod::kGrid;
+    render();
+  }
+
+  const double mine = Median(ours);
+  std::printf("%-10s %8zu triangles %8zu samples, %4.1f %% in shadow, %zu undecided, %.1f bytes a sample\n",
+              bench.name.c_str(), scene->TriangleCount(), mask.samples,
+              100.0 * double(mask.shadowed_samples) / double(mask.samples), mask.undecided_samples,
+              double(renderer.MemoryBytes()) / double(bench.width) / double(bench.height));
+  std::printf("  masks %8.2f ms", mine);
+  std::printf(" (least %.2f)", *std::min_element(ours.begin(), ours.end()));
+  if (options.phases) {
+    // The least of each: what the phase takes when nothing else runs on the machine.
+    const auto phase = [&](double MaskTimings::*member) {
+      double least = 1e300;
+      for (const MaskTimings& t : phases) least = std::min(least, t.*member);
+      return least;
+    };
+    std::printf("   plan %.2f  bin %.2f  place %.2f  walk %.2f  resolve %.2f", phase(&MaskTimings::plan),
+                phase(&MaskTimings::bin), phase(&MaskTimings::place), phase(&MaskTimings::walk),
+                phase(&MaskTimings::resolve));
+  }
+  std::printf("\n");
+  if (options.avx2) std::printf("  AVX2  %8.2f ms\n", Median(ours_avx2));
+  if (options.bsp) std::printf("  bsp   %8.2f ms\n", Median(ours_bsp));
+  if (!options.embree) return;
+  double least_both = 1e300, least_trace = 1e300;
+  for (int q = 0; q < 2; ++q) {
+    std::printf("  Embree %-6s %8.2f + %8.2f ms  (%s)\n", q == 0 ? "LOW" : "MEDIUM", Median(build[q]),
+                Median(trace[q]), Name(best[q]).c_str());
+    std::vector<double> both;
+    for (size_t i = 0; i < build[q].size(); ++i) both.push_back(build[q][i] + trace[q][i]);
+    least_both = std::min(least_both, Median(both));
+    least_trace = std::min(least_trace, Median(trace[q]));
+  }
+  std::printf("  ratio build + trace %.2f, trace alone %.2f", least_both / mine, least_trace / mine);
+  if (options.avx2) {
+    std::printf("   AVX2: %.2f, %.2f", least_both / Median(ours_avx2), least_trace / Median(ours_avx2));
+  }
+  size_t differ = 0;
+  for (size_t i = 0; i < shadow.size(); ++i) {
+    const int x = int(i % size_t(bench.width)), y = int(i / size_t(bench.width));
+    differ += !transmit && mask.InShadow(0, bench.height, x, y) != (shadow[i] != 0);
+  }
+  std::printf("   differing samples %zu\n", differ);
+}
+
+}  // namespace
+}  // namespace shadowfit::bench
+
+int main(int argc, char** argv) {
+  CLI::App app("Alias-free masks against Embree's shadow rays");
+  std::vector<std::string> scenes{"1k", "10k", "100k", "1m", "terrain", "hair"};
+  shadowfit::bench::Options options;
+  int threads = 2;
+  app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair")->delimiter(',');
+  app.add_option("--repeats", options.repeats)->check(CLI::Range(1, 1000));
+  app.add_option("--threads", threads)->check(CLI::Range(1, 256));
+  app.add_flag("--bsp", options.bsp, "Also time the paper's hierarchy");
+  app.add_flag("!--no-embree", options.embree, "Only the masks");
+  app.add_flag("!--no-avx2", options.avx2, "Only the best instruction set");
+  app.add_flag("--cpu", shadowfit::bench::measure_cpu,
+               "Processor time of all threads instead of elapsed time");
+  CLI11_PARSE(app, argc, argv);
+  const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
+                                    static_cast<size_t>(threads));
+  for (const std::string& name : scenes) {
+    using namespace shadowfit::bench;  // NOLINT(google-build-using-namespace)
+    const BenchScene bench = name == "1k"        ? RandomTriangles(1000)
+                             : name == "10k"     ? RandomTriangles(10000)
+                             : name == "100k"    ? RandomTriangles(100000)
+                             : name == "1m"      ? RandomTriangles(1000000)
+                             : name == "4m"      ? RandomTriangles(4000000)
+                             : name == "terrain" ? Terrain(700)
+                                                 : HairBall(5000);
+    Run(bench, options, threads);
+  }
+  return 0;
+}
