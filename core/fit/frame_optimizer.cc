@@ -247,6 +247,10 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     result.depth_range = FitDepthRange(work.ray_spaces[i], result.projection, samples, ws_visible_corners);
     result.clip_from_world =
         ClipFromWorld(work.ray_spaces[i], result.projection, result.depth_range, request.output_clip_depth);
+    if (!std::isfinite(glm::dot(result.clip_from_world * glm::dvec4(1.0), glm::dvec4(1.0)))) {
+      return Invalid(
+          absl::StrFormat("lights[%d]: the numbers of camera and light leave the range of doubles", i));
+    }
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
       result.predicted_misclassified_pixels =

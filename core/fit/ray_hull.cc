@@ -58,16 +58,19 @@ ImagePlane ImagePlane::About(const glm::dvec3& axis) {
 }
 
 RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays) {
+  // Extreme cameras unproject to infinity: such rays have no place in any map, and a visible point at the
+  // light itself has no ray.
+  std::vector<glm::dvec3> normalized;
+  normalized.reserve(rays.size());
+  for (const glm::dvec3& r : rays) {
+    const double length = glm::length(r);
+    if (length > 0.0 && std::isfinite(length)) normalized.push_back(r);
+  }
   RayHull hull;
-  if (rays.empty()) return hull;
-  std::vector<glm::dvec3> normalized(rays.begin(), rays.end());
   if (ray_space.is_directional()) {
-    hull.normalized_from_ray = NormalizePlane(rays);
+    if (!normalized.empty()) hull.normalized_from_ray = NormalizePlane(normalized);
     for (glm::dvec3& r : normalized) r = hull.normalized_from_ray * r;
-  } else {
-    // A visible point at the light itself has no ray.
-    std::erase_if(normalized, [](const glm::dvec3& r) { return r == glm::dvec3(0.0); });
-    if (normalized.empty()) normalized.push_back({0.0, 0.0, 1.0});
+    std::erase_if(normalized, [](const glm::dvec3& r) { return !std::isfinite(glm::length(r)); });
   }
   std::optional<EnclosingCone> cone = SmallestEnclosingCone(normalized);
   if (!cone || cone->cos_half_angle < 1e-4) {
@@ -77,7 +80,11 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
       return glm::dot(axis, r) <= std::cos(kReducedHalfAngle) * glm::length(r);
     });
     cone = SmallestEnclosingCone(normalized);
-    if (!cone) return hull;
+    // Nothing that a map could hold: any regular map serves.
+    if (!cone) {
+      normalized = {hull.axis};
+      cone = EnclosingCone{};
+    }
   }
   hull.axis = cone->axis;
   const ImagePlane plane = ImagePlane::About(hull.axis);
@@ -86,6 +93,7 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
   for (const glm::dvec3& r : normalized) projected.push_back(plane.Project(r));
   for (const int index : ConvexHull2(projected))
     hull.vertices.push_back(normalized[static_cast<size_t>(index)]);
+  if (hull.vertices.empty()) hull.vertices.push_back(hull.axis);
   return hull;
 }
 

@@ -27,7 +27,7 @@ struct RayHull {
 /// Half angle in radians (75 degrees) of the cone that is kept where the rays do not fit into any.
 inline constexpr double kReducedHalfAngle = 1.3089969389957472;
 
-/// Empty `vertices` where there is no ray.
+/// Never empty: without any finite ray the hull is the axis alone, and not complete.
 RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays);
 
 /// The rays of the samples or, where the light reaches nothing that is visible, of the scene's bounds; never

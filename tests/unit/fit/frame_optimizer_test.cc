@@ -250,6 +250,31 @@ TEST_P(EveryMethod, ServesAllLitAllShadowedAndEmptyFrames) {
   }
 }
 
+TEST_P(EveryMethod, SurvivesCamerasOfExtremeNumbers) {
+  // Unprojection overflows: a finite matrix or an error that says so, and no crash.
+  std::mt19937 random(14);
+  FrameOptimizer optimizer;
+  FrameSummary summary;
+  for (int trial = 0; trial < 2000; ++trial) {
+    OwnedFrame frame = StandardFrame({testing::RandomLight(random, 1), testing::RandomLight(random, 2)}, 12);
+    for (glm::dmat4* matrix : {&frame.request.camera.view_from_world, &frame.request.camera.clip_from_view}) {
+      for (int k = 0; k < 4; ++k) {
+        (*matrix)[static_cast<int>(random() % 4)][static_cast<int>(random() % 4)] =
+            Uniform(random, -1, 1) * std::pow(10.0, Uniform(random, -300, 300));
+      }
+    }
+    const absl::Status status =
+        optimizer.Optimize(frame.request, WithMethod(GetParam()), Cancellation(), &summary);
+    if (!status.ok()) {
+      EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
+      continue;
+    }
+    for (const LightSummary& light : summary.lights) {
+      for (int k = 0; k < 16; ++k) EXPECT_TRUE(std::isfinite(light.clip_from_world[k / 4][k % 4]));
+    }
+  }
+}
+
 TEST_P(EveryMethod, ServesACameraInsideAnObject) {
   AnalyticScene scene;
   scene.spheres.push_back({{0, -10, 1.5}, 3.0});
