@@ -57,10 +57,6 @@ struct Options {
   Method method = Method::kDefault;
   PaperOptions paper;
   DefaultOptions standard;
-
-  /// Upper bound on the time for one frame in seconds; the best matrix found so far is returned where it runs
-  /// out. Unlimited by default, which keeps answers independent of the machine's speed.
-  double max_seconds = 0.0;
 };
 
 }  // namespace shadowfit
