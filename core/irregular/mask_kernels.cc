@@ -259,6 +259,7 @@ HWY_INLINE void ForEachStrip(const SampleTask& task, const StripFunction& strip)
   constexpr int kTileWidth = 64, kTileHeight = 32;
   const int width = static_cast<int>(task.padded_width);
   for (int tile_y = task.row_begin; tile_y < task.row_end; tile_y += kTileHeight) {
+    if (task.cancellation != nullptr && task.cancellation->Requested()) return;
     for (int tile_x = 0; tile_x < width; tile_x += kTileWidth) {
       for (int y = tile_y; y < std::min(tile_y + kTileHeight, task.row_end); ++y) {
         for (int x = tile_x; x < std::min(tile_x + kTileWidth, width); x += kLanes) strip(x, y);
@@ -856,12 +857,11 @@ class PacketQueue {
     const auto reach = hn::Load(d4_, t->reach);
     for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) {
       const auto bounds = hn::Load(d4_, &state_.bounds[p].u_min);
-      if (!hn::AllTrue(d4_, hn::Le(bounds, reach)) || !MayReach(state_, t->nearest, p)) continue;
-      const float* values = state_.packets + static_cast<size_t>(p) * kPacketFloats;
-      hwy::Prefetch(values);
-      hwy::Prefetch(values + kPacket);
-      hwy::Prefetch(values + 2 * kPacket);
-      entries_[count_++] = {t, p};
+      // Kept or not is hard to foretell: no branch.
+      entries_[count_] = {t, p};
+      count_ += static_cast<int>(hn::AllTrue(d4_, hn::Le(bounds, reach))) &
+                static_cast<int>(MayReach(state_, t->nearest, p));
+      hwy::Prefetch(state_.packets + static_cast<size_t>(p) * kPacketFloats);
       if (count_ == kCapacity) Flush();
     }
   }
@@ -1148,6 +1148,7 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
 
       // 3. Runs of packets of those that cover no more than two rows of cells, all lanes at once.
       HWY_ALIGN uint32_t first[2][kLanes], end[2][kLanes];
+      HWY_ALIGN float box[4][kLanes];
       uint32_t small_bits = 0;
       if (state.search == Search::kGrid) {
         const VI row_low = hn::ShiftRight<kSubrowShift>(SubrowOf(face, hn::Sub(v_low, pad)));
@@ -1156,6 +1157,10 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         small_bits =
             quick_bits & BitsOf(hn::RebindMask(df, hn::Lt(hn::Sub(row_high, row_low), hn::Set(di, 2))));
         if (small_bits != 0) {
+          hn::Store(hn::Add(u_high, pad), df, box[0]);
+          hn::Store(hn::Add(v_high, pad), df, box[1]);
+          hn::Store(hn::Sub(pad, u_low), df, box[2]);
+          hn::Store(hn::Sub(pad, v_low), df, box[3]);
           const int* starts = reinterpret_cast<const int*>(state.cell_start + face.first_cell);
           for (int run = 0; run < 2; ++run) {
             const VI row = run == 0 ? row_low : row_high;
@@ -1175,6 +1180,13 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         const bool is_quick = (quick_bits >> i & 1u) != 0;
         const bool sliver = (slivers >> i & 1u) != 0;
         if (sliver) SetUpEnds(kDirectional, lane, &setup);
+        Prepared& t = prepared[i];
+        if ((small_bits >> i & 1u) != 0) {
+          t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
+          for (int k = 0; k < 4; ++k) t.reach[k] = box[k][i];
+          for (int run = 0; run < 2; ++run) queue.Add(&t, first[run][i], end[run][i]);
+          continue;
+        }
         Outline outline;
         if (is_quick) {
           outline.corners = 3;
@@ -1193,15 +1205,11 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         } else {
           setup.rows[kNearest][lane] = -kInfinity;
         }
-        Prepared& t = prepared[i];
         t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
         if (exhaustive) {
           TestRun<kDirectional>(state, t, face.first_packet * kPacket, face.end_packet * kPacket);
         } else if (state.search == Search::kBsp) {
           TestBsp<kDirectional>(state, t, state.bsp[f], outline);
-        } else if ((small_bits >> i & 1u) != 0) {
-          SetReach(outline, &t);
-          for (int run = 0; run < 2; ++run) queue.Add(&t, first[run][i], end[run][i]);
         } else {
           SetReach(outline, &t);
           TestOutline<kDirectional>(state, t, face, f, outline, deferred, &queue);

@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "core/cancellation.h"
 #include "core/frame/images.h"
 #include "core/scene/scene.h"
 
@@ -102,6 +103,7 @@ struct SampleTask {
   CellMarks marks{};
   size_t padded_width = 0;  ///< Of per-pixel arrays; a multiple of kPacket.
   int row_begin = 0, row_end = 0;
+  const Cancellation* cancellation = nullptr;  ///< Once it asks, the rest of the rows is left out.
 };
 
 /// What is known of a packet before its samples are looked at.

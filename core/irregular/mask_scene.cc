@@ -134,12 +134,29 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
   return result;
 }
 
-void MaskScene::Flatten(const InstanceData& instance) {
-  const MeshData& mesh = meshes_[instance.mesh];
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, instance.cluster_count, 64), [&](const auto& range) {
+size_t MaskScene::BytesFor(const Scene& scene) {
+  size_t bytes = 0;
+  for (const AlphaTexture& texture : scene.alpha_textures) bytes += texture.alpha.size();
+  for (const Mesh& mesh : scene.meshes) {
+    bytes += mesh.positions.size() * sizeof(glm::vec3) + mesh.triangles.size() * sizeof(glm::uvec3);
+  }
+  for (const Instance& instance : scene.instances) {
+    const Mesh& mesh = scene.meshes[static_cast<size_t>(instance.mesh)];
+    const bool cutout = scene.materials[static_cast<size_t>(mesh.material)].alpha_texture >= 0;
+    const size_t blocks = BlocksFor(mesh.triangles.size());
+    bytes += blocks * (kBlockFloats + (cutout ? 6 * kBlock : 0)) * sizeof(float) +
+             (blocks + kClusterBlocks - 1) / kClusterBlocks * sizeof(Cluster) + sizeof(InstanceData);
+  }
+  return bytes;
+}
+
+void MaskScene::FlattenInto(size_t mesh_index, const glm::mat4x3& world_from_object,
+                            std::span<Cluster> clusters, float* geometry) const {
+  const MeshData& mesh = meshes_[mesh_index];
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, clusters.size(), 64), [&](const auto& range) {
     for (size_t c = range.begin(); c != range.end(); ++c) {
-      Cluster& cluster = clusters_[instance.first_cluster + c];
-      float* blocks = geometry_.data() + size_t{cluster.first_block} * kBlockFloats;
+      Cluster& cluster = clusters[c];
+      float* blocks = geometry + size_t{cluster.first_block} * kBlockFloats;
       std::fill_n(blocks, size_t{cluster.block_count} * kBlockFloats,
                   std::numeric_limits<float>::quiet_NaN());
       cluster.ws_min = glm::vec3(std::numeric_limits<float>::infinity());
@@ -150,7 +167,7 @@ void MaskScene::Flatten(const InstanceData& instance) {
         float* column = blocks + (i / kBlock) * kBlockFloats + i % kBlock;
         for (int corner = 0; corner < 3; ++corner) {
           const glm::vec3 p =
-              instance.world_from_object * glm::vec4(mesh.positions[mesh.triangles[first + i][corner]], 1.0f);
+              world_from_object * glm::vec4(mesh.positions[mesh.triangles[first + i][corner]], 1.0f);
           for (int axis = 0; axis < 3; ++axis) column[(3 * corner + axis) * kBlock] = p[axis];
           cluster.ws_min = glm::min(cluster.ws_min, p);
           cluster.ws_max = glm::max(cluster.ws_max, p);
@@ -158,6 +175,27 @@ void MaskScene::Flatten(const InstanceData& instance) {
       }
     }
   });
+}
+
+void MaskScene::Flatten(const InstanceData& instance) {
+  const std::span<Cluster> clusters(clusters_.data() + instance.first_cluster, instance.cluster_count);
+  FlattenInto(instance.mesh, instance.world_from_object, clusters, geometry_.data());
+}
+
+std::pair<size_t, size_t> MaskScene::ClustersOf(size_t instance) const {
+  const InstanceData& data = instances_[instance];
+  return {data.first_cluster, size_t{data.first_cluster} + data.cluster_count};
+}
+
+size_t MaskScene::BlocksOf(size_t instance) const {
+  return BlocksFor(meshes_[instances_[instance].mesh].triangles.size());
+}
+
+void MaskScene::Place(size_t instance, const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
+                      float* blocks) const {
+  const uint32_t first_block = clusters.empty() ? 0 : clusters[0].first_block;
+  for (Cluster& cluster : clusters) cluster.first_block -= first_block;
+  FlattenInto(instances_[instance].mesh, world_from_object, clusters, blocks);
 }
 
 absl::Status MaskScene::SetInstanceTransform(size_t instance, const glm::mat4x3& world_from_object) {

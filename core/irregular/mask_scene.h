@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -26,6 +27,9 @@ class MaskScene {
   /// InvalidArgument where Validate() refuses the scene, ResourceExhausted above kMaxTriangles. A scene
   /// without triangles is allowed and casts no shadow. Takes its own copy of what it needs.
   static absl::StatusOr<MaskScene> Create(const Scene& scene);
+
+  /// MemoryBytes() of what Create() would make of a scene that passes Validate(), but for small change.
+  static size_t BytesFor(const Scene& scene);
 
   /// Moves an instance. InvalidArgument where the index is out of range or the matrix is not finite; the
   /// scene is then unchanged.
@@ -53,6 +57,14 @@ class MaskScene {
     int64_t first_uv = -1;  ///< Of the first block in uvs(): six rows of 16 floats a block; -1 without.
   };
   const std::vector<Cluster>& clusters() const { return clusters_; }
+  /// Of clusters(), those of an instance: [first, end).
+  std::pair<size_t, size_t> ClustersOf(size_t instance) const;
+  /// An instance's clusters and blocks as they would be elsewhere. `clusters` are copies of its own, in which
+  /// boxes and first_block (then counted from the first of `blocks`) are set anew; `blocks` has room for
+  /// BlocksOf(instance) blocks.
+  void Place(size_t instance, const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
+             float* blocks) const;
+  size_t BlocksOf(size_t instance) const;
   const float* geometry() const { return geometry_.data(); }
   const std::vector<float>& uvs() const { return uvs_; }
   const std::vector<Material>& materials() const { return materials_; }
@@ -71,6 +83,8 @@ class MaskScene {
   };
 
   void Flatten(const InstanceData& instance);
+  void FlattenInto(size_t mesh, const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
+                   float* geometry) const;
 
   std::vector<Material> materials_;
   std::vector<AlphaTexture> alpha_textures_;

@@ -15,7 +15,7 @@ constexpr double kMostRows = 256.0;
 constexpr uint32_t kBspLeaf = 64;
 
 void BuildNode(std::span<const glm::vec3> uvw, std::span<uint32_t> order, uint32_t first, uint32_t end,
-               std::vector<BspNode>* nodes) {
+               const Cancellation* cancellation, std::vector<BspNode>* nodes) {
   BspNode node;
   node.u_min = node.v_min = std::numeric_limits<float>::infinity();
   node.u_max = node.v_max = node.farthest = -node.u_min;
@@ -31,16 +31,16 @@ void BuildNode(std::span<const glm::vec3> uvw, std::span<uint32_t> order, uint32
   node.end_sample = end;
   const size_t at = nodes->size();
   nodes->push_back(node);
-  if (end - first <= kBspLeaf) return;
+  if (end - first <= kBspLeaf || (cancellation != nullptr && cancellation->Requested())) return;
   const int axis = node.u_max - node.u_min >= node.v_max - node.v_min ? 0 : 1;
   const uint32_t middle = first + (end - first) / 2;
   std::nth_element(order.begin() + first, order.begin() + middle, order.begin() + end,
                    [&](uint32_t a, uint32_t b) {
                      return uvw[a][axis] != uvw[b][axis] ? uvw[a][axis] < uvw[b][axis] : a < b;
                    });
-  BuildNode(uvw, order, first, middle, nodes);
+  BuildNode(uvw, order, first, middle, cancellation, nodes);
   (*nodes)[at].right = static_cast<int32_t>(nodes->size());
-  BuildNode(uvw, order, middle, end, nodes);
+  BuildNode(uvw, order, middle, end, cancellation, nodes);
 }
 
 }  // namespace
@@ -159,9 +159,10 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
   face->row_v_high.resize(padded_rows, std::numeric_limits<float>::infinity());
 }
 
-void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, std::vector<BspNode>* nodes) {
+void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, const Cancellation* cancellation,
+              std::vector<BspNode>* nodes) {
   nodes->clear();
-  if (!order.empty()) BuildNode(uvw, order, 0, static_cast<uint32_t>(order.size()), nodes);
+  if (!order.empty()) BuildNode(uvw, order, 0, static_cast<uint32_t>(order.size()), cancellation, nodes);
 }
 
 }  // namespace shadowfit::irregular

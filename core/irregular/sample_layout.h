@@ -22,10 +22,10 @@ void BasisAround(const glm::dvec3& axis, const glm::dvec3& second_hint, double r
 void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face);
 
 /// The paper's BSP: axis-aligned median splits, along the longer side, down to leaves of at most 64 samples.
-/// Reorders `order` (indices into `uvw`: u, v and w of each sample) so that leaves are contiguous.
-struct BspLeaves {
-  std::vector<BspNode> nodes;  ///< first_sample and end_sample index `order` here.
-};
-void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, std::vector<BspNode>* nodes);
+/// Reorders `order` (indices into `uvw`: u, v and w of each sample) so that leaves are
+/// contiguous; first_sample and end_sample of the nodes index it.
+/// Once `cancellation` (may be null) asks, nodes are left unsplit.
+void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, const Cancellation* cancellation,
+              std::vector<BspNode>* nodes);
 
 }  // namespace shadowfit::irregular

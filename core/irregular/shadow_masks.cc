@@ -6,6 +6,8 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <cstring>
@@ -118,7 +120,16 @@ struct MaskRenderer::Workspace {
   std::vector<uint32_t> bsp_order;
   std::vector<uint32_t> bsp_place;
 
-  std::vector<std::vector<uint8_t>> bits, rgb;
+  // Clusters of instances that are elsewhere in this frame, by their place in the scene's list.
+  AlignedBuffer<float> moved_blocks;
+  std::vector<MaskScene::Cluster> moved_clusters;
+  struct MovedRange {
+    size_t first = 0, end = 0;  ///< Of the scene's clusters, ascending.
+    size_t first_moved = 0;     ///< Of moved_clusters.
+  };
+  std::vector<MovedRange> moved_ranges;
+
+  std::vector<std::vector<uint8_t>> bits, rgb, coverage;
   std::vector<LightMask> masks;
 
   // Of the current request.
@@ -130,9 +141,9 @@ struct MaskRenderer::Workspace {
   uint32_t end_packet = 0;
 
   absl::Status RenderLight(const MaskRequest& request, size_t light);
-  void SetUpFrame(const MaskRequest& request, const RaySpace& ray_space);
+  void SetUpFrame(const RaySpace& ray_space);
   void SetUpLayers(const MaskRequest& request);
-  SampleTask TaskFor(const Chunk& chunk) const;
+  SampleTask TaskFor(const Chunk& chunk, const Cancellation* cancellation) const;
   void CollectRays(const Cancellation* cancellation, int* stride);
   void PlanFaces(size_t expected_samples);
   absl::Status BinAll(const Cancellation* cancellation, size_t* off_face);
@@ -140,9 +151,11 @@ struct MaskRenderer::Workspace {
   void PlaceAll(const Cancellation* cancellation);
   absl::Status BuildBspOrder(const Cancellation* cancellation);
   void SetUpCasters(const MaskRequest& request);
+  absl::Status PlaceMovedInstances(const MaskRequest& request);
   void BoundFaces();
   void Walk(const MaskRequest& request);
   void Resolve(const MaskRequest& request, size_t light);
+  void ResolveCoverage(size_t width, size_t height, std::vector<uint8_t>* out) const;
 };
 
 namespace {
@@ -169,8 +182,32 @@ absl::Status CheckSize(const ImageView<T>& image, int width, int height, const s
   return absl::OkStatus();
 }
 
+absl::Status CheckMovedInstances(const MaskRequest& request) {
+  std::vector<size_t> instances;
+  for (size_t i = 0; i < request.moved_instances.size(); ++i) {
+    const MovedInstance& moved = request.moved_instances[i];
+    if (moved.instance >= request.scene->InstanceCount()) {
+      return absl::InvalidArgumentError(absl::StrFormat("moved_instances[%d].instance: %d, but there are %d",
+                                                        i, moved.instance, request.scene->InstanceCount()));
+    }
+    for (int column = 0; column < 4; ++column) {
+      for (int row = 0; row < 3; ++row) {
+        if (std::isfinite(moved.world_from_object[column][row])) continue;
+        return absl::InvalidArgumentError(
+            absl::StrFormat("moved_instances[%d].world_from_object[%d]: not finite", i, 3 * column + row));
+      }
+    }
+    instances.push_back(moved.instance);
+  }
+  std::sort(instances.begin(), instances.end());
+  const auto twice = std::adjacent_find(instances.begin(), instances.end());
+  if (twice == instances.end()) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat("moved_instances: instance %d is there twice", *twice));
+}
+
 absl::Status CheckRequest(const MaskRequest& request) {
   if (request.scene == nullptr) return absl::InvalidArgumentError("scene: none");
+  if (absl::Status status = CheckMovedInstances(request); !status.ok()) return status;
   if (request.layers.empty()) return absl::InvalidArgumentError("layers: empty");
   const auto& first = request.layers[0];
   const int width = first.ws_positions.bottom_row != nullptr ? first.ws_positions.width : first.depth.width;
@@ -216,27 +253,22 @@ absl::Status CheckRequest(const MaskRequest& request) {
 
 }  // namespace
 
-void MaskRenderer::Workspace::SetUpFrame(const MaskRequest& request, const RaySpace& ray_space) {
+void MaskRenderer::Workspace::SetUpFrame(const RaySpace& ray_space) {
   frame = LightFrame{};
   frame.directional = ray_space.is_directional();
+  if (!frame.directional) frame.ws_origin = ray_space.ws_position();
   if (ray_space.cos_outer()) {
     frame.has_cone = true;
     frame.cos_outer = *ray_space.cos_outer();
   }
-  if (!frame.directional) {
-    frame.ws_origin = ray_space.ws_position();
-  }
-  // Directional coordinates are taken relative to a point amid the samples, so that they are small numbers:
-  // see RenderLight, which moves the origin once samples are known.
-  (void)request;
 }
 
 void MaskRenderer::Workspace::SetUpLayers(const MaskRequest& request) {
   layers.resize(request.layers.size());
   const auto& first = request.layers[0];
-  const auto& size_of = first.ws_positions.bottom_row != nullptr;
-  const int width = size_of ? first.ws_positions.width : first.depth.width;
-  const int height = size_of ? first.ws_positions.height : first.depth.height;
+  const bool has_positions = first.ws_positions.bottom_row != nullptr;
+  const int width = has_positions ? first.ws_positions.width : first.depth.width;
+  const int height = has_positions ? first.ws_positions.height : first.depth.height;
   padded_width = (static_cast<size_t>(width) + kPacket - 1) / kPacket * kPacket;
   pixels = padded_width * static_cast<size_t>(height) * request.layers.size();
   for (size_t i = 0; i < layers.size(); ++i) {
@@ -312,7 +344,7 @@ glm::dvec3 ViewDirection(const Camera& camera) {
 
 }  // namespace
 
-SampleTask MaskRenderer::Workspace::TaskFor(const Chunk& chunk) const {
+SampleTask MaskRenderer::Workspace::TaskFor(const Chunk& chunk, const Cancellation* cancellation) const {
   SampleTask task;
   task.frame = &frame;
   task.layer = &layers[chunk.layer];
@@ -322,6 +354,7 @@ SampleTask MaskRenderer::Workspace::TaskFor(const Chunk& chunk) const {
   task.padded_width = padded_width;
   task.row_begin = chunk.row_begin;
   task.row_end = chunk.row_end;
+  task.cancellation = cancellation;
   return task;
 }
 
@@ -330,13 +363,12 @@ void MaskRenderer::Workspace::CollectRays(const Cancellation* cancellation, int*
   rays.clear();
   for (size_t layer = 0; layer < layers.size(); ++layer) {
     if (cancellation != nullptr && cancellation->Requested()) return;
-    SampleRays(TaskFor({layer, 0, layers[layer].depth.height, {}}), *stride, &rays);
+    SampleRays(TaskFor({layer, 0, layers[layer].depth.height, {}}, cancellation), *stride, &rays);
   }
 }
 
 void MaskRenderer::Workspace::PlanFaces(size_t expected_samples) {
   cells = 0;
-  std::array<size_t, 6> population{};
   const auto face_of = [](const glm::vec3& r) {
     const glm::vec3 a = glm::abs(r);
     const int axis = a.z >= a.x && a.z >= a.y ? 2 : a.y >= a.x ? 1 : 0;
@@ -352,7 +384,6 @@ void MaskRenderer::Workspace::PlanFaces(size_t expected_samples) {
       const float w = frame.directional ? 1.0f : face.sign * r[face.axis];
       if (w > 0.0f) uv.emplace_back(r[(face.axis + 1) % 3] / w, r[(face.axis + 2) % 3] / w);
     }
-    population[static_cast<size_t>(f)] = uv.size();
     PlanFace(uv, expected_samples * uv.size() / std::max<size_t>(rays.size(), 1), &face);
     face.first_cell = cells;
     cells += static_cast<uint32_t>(face.rows * face.columns * kSubrows);
@@ -366,7 +397,7 @@ absl::Status MaskRenderer::Workspace::BinAll(const Cancellation* cancellation, s
     uint32_t* histogram = histograms.data() + i * stride;
     std::memset(histogram, 0, stride * sizeof(uint32_t));
     chunks[i].counts = BinCounts{};
-    BinSamples(TaskFor(chunks[i]), place.data(), rank.data(), histogram, &chunks[i].counts);
+    BinSamples(TaskFor(chunks[i], cancellation), place.data(), rank.data(), histogram, &chunks[i].counts);
   });
   *off_face = 0;
   if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
@@ -418,7 +449,7 @@ absl::Status MaskRenderer::Workspace::ReserveSamples(const MaskRequest& request)
   const bool reserved = packets.Reserve(all * kPacketFloats) && packet_bounds.Reserve(all) &&
                         shadow.Reserve(all) && touched.Reserve(all) && touched_twice.Reserve(all) &&
                         cell_start.Reserve(size_t{cells} + 1) &&
-                        (request.output == MaskOutput::kBits ||
+                        (request.output != MaskOutput::kTransmittance ||
                          (absorbance.Reserve(all * 3 * kPacket) && packet_lock.Reserve(all)));
   return reserved ? absl::OkStatus() : OutOfMemory(pixels);
 }
@@ -461,7 +492,7 @@ void MaskRenderer::Workspace::PlaceAll(const Cancellation* cancellation) {
   shadow[end_packet + 1] = 0xFFFF;
   const CellMarks mark_places{end_packet * kPacket, (end_packet + 1) * kPacket};
   ForEach(chunks.size(), cancellation, [&](size_t i) {
-    PlaceSamples(TaskFor(chunks[i]), histograms.data() + i * stride, rank.data(), mark_places,
+    PlaceSamples(TaskFor(chunks[i], cancellation), histograms.data() + i * stride, rank.data(), mark_places,
                  (end_packet + 2) * kPacket, place.data(), packets.data());
   });
 }
@@ -488,7 +519,8 @@ absl::Status MaskRenderer::Workspace::BuildBspOrder(const Cancellation* cancella
       bsp_order.push_back(static_cast<uint32_t>(i));
     }
     if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
-    BuildBsp(bsp_uvw, bsp_order, &bsp[index]);
+    BuildBsp(bsp_uvw, bsp_order, cancellation, &bsp[index]);
+    if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
     first_packet[index] = packet;
     for (BspNode& node : bsp[index]) {
       if (node.right >= 0) continue;
@@ -552,7 +584,7 @@ void MaskRenderer::Workspace::SetUpCasters(const MaskRequest& request) {
     }
     const glm::vec3& t = material.transmittance;
     if (t == glm::vec3(0.0f)) continue;
-    if (request.output == MaskOutput::kBits) {
+    if (request.output != MaskOutput::kTransmittance) {
       caster.casts = (t.x + t.y + t.z) / 3.0f < 0.5f;
       continue;
     }
@@ -564,6 +596,36 @@ void MaskRenderer::Workspace::SetUpCasters(const MaskRequest& request) {
           std::min(std::round(absorbed * kAbsorbanceOne), static_cast<double>(kAbsorbanceMax)));
     }
   }
+}
+
+absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& request) {
+  moved_ranges.clear();
+  moved_clusters.clear();
+  size_t blocks = 0;
+  for (const MovedInstance& moved : request.moved_instances)
+    blocks += request.scene->BlocksOf(moved.instance);
+  if (!moved_blocks.Reserve(blocks * kBlockFloats)) {
+    return absl::ResourceExhaustedError(
+        absl::StrFormat("moved_instances: no memory for %d triangles", blocks * kBlock));
+  }
+  blocks = 0;
+  for (const MovedInstance& moved : request.moved_instances) {
+    if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
+    const auto [first, end] = request.scene->ClustersOf(moved.instance);
+    const size_t first_moved = moved_clusters.size();
+    const auto& clusters = request.scene->clusters();
+    moved_clusters.insert(moved_clusters.end(), clusters.begin() + static_cast<std::ptrdiff_t>(first),
+                          clusters.begin() + static_cast<std::ptrdiff_t>(end));
+    const std::span<MaskScene::Cluster> mine(moved_clusters.data() + first_moved, end - first);
+    request.scene->Place(moved.instance, moved.world_from_object, mine,
+                         moved_blocks.data() + blocks * kBlockFloats);
+    for (MaskScene::Cluster& cluster : mine) cluster.first_block += static_cast<uint32_t>(blocks);
+    blocks += request.scene->BlocksOf(moved.instance);
+    moved_ranges.push_back({first, end, first_moved});
+  }
+  std::sort(moved_ranges.begin(), moved_ranges.end(),
+            [](const MovedRange& a, const MovedRange& b) { return a.first < b.first; });
+  return absl::OkStatus();
 }
 
 void MaskRenderer::Workspace::BoundFaces() {
@@ -634,7 +696,8 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
 
   const std::vector<MaskScene::Cluster>& clusters = request.scene->clusters();
   const bool exhaustive = request.method == MaskMethod::kExhaustive;
-  const auto walk_cluster = [&](const MaskScene::Cluster& cluster, std::vector<DeferredTriangle>* list) {
+  const auto walk_cluster = [&](const MaskScene::Cluster& cluster, const float* geometry,
+                                std::vector<DeferredTriangle>* list) {
     const Caster& caster = casters[cluster.material];
     if (!caster.casts) return;
     if (!exhaustive) {
@@ -647,7 +710,7 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
       }
     }
     CasterBlocks blocks;
-    blocks.geometry = request.scene->geometry() + size_t{cluster.first_block} * kBlockFloats;
+    blocks.geometry = geometry + size_t{cluster.first_block} * kBlockFloats;
     blocks.uvs = cluster.first_uv < 0 ? nullptr : request.scene->uvs().data() + cluster.first_uv;
     blocks.count = cluster.block_count;
     blocks.caster = &caster;
@@ -657,9 +720,17 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
   ForEach((clusters.size() + grain - 1) / grain, request.cancellation, [&](size_t task) {
     std::vector<DeferredTriangle>& list = deferred.local();
     list.reserve(kMostDeferred);
+    std::vector<DeferredTriangle>* const deferred_to = request.method == MaskMethod::kGrid ? &list : nullptr;
     const size_t end = std::min(clusters.size(), (task + 1) * grain);
+    auto range = std::upper_bound(moved_ranges.begin(), moved_ranges.end(), task * grain,
+                                  [](size_t at, const MovedRange& r) { return at < r.end; });
     for (size_t c = task * grain; c < end; ++c) {
-      walk_cluster(clusters[c], request.method == MaskMethod::kGrid ? &list : nullptr);
+      while (range != moved_ranges.end() && c >= range->end) ++range;
+      if (range != moved_ranges.end() && c >= range->first) {
+        walk_cluster(moved_clusters[range->first_moved + c - range->first], moved_blocks.data(), deferred_to);
+      } else {
+        walk_cluster(clusters[c], request.scene->geometry(), deferred_to);
+      }
     }
   });
 
@@ -754,8 +825,11 @@ void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) 
     shadowed.fetch_add(count, std::memory_order_relaxed);
   });
   mask.bits = bits[light];
-  mask.rgb = rgb[light];
-  if (request.output == MaskOutput::kBits) mask.rgb = {};
+  if (request.output == MaskOutput::kTransmittance) mask.rgb = rgb[light];
+  if (request.output == MaskOutput::kCoverage) {
+    ResolveCoverage(width, height, &coverage[light]);
+    mask.coverage = coverage[light];
+  }
   mask.shadowed_samples = shadowed.load();
   mask.faces = face_count;
   for (const Chunk& chunk : chunks) {
@@ -763,6 +837,26 @@ void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) 
     mask.facing_away_samples += chunk.counts.facing_away;
     mask.outside_cone_samples += chunk.counts.outside_cone;
   }
+}
+
+void MaskRenderer::Workspace::ResolveCoverage(size_t width, size_t height, std::vector<uint8_t>* out) const {
+  out->resize(width * height);
+  const uint32_t lit_mark = end_packet * kPacket;  // Background and what is outside the cone.
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, height, 16), [&](const tbb::blocked_range<size_t>& range) {
+    for (size_t y = range.begin(); y != range.end(); ++y) {
+      for (size_t x = 0; x < width; ++x) {
+        unsigned samples = 0, blocked = 0;
+        for (const LayerSource& layer : layers) {
+          const uint32_t p = place[layer.first_pixel + y * padded_width + x];
+          samples += p != lit_mark;
+          blocked += shadow[p / kPacket] >> (p % kPacket) & 1u;
+        }
+        const unsigned lit = samples - blocked;
+        (*out)[y * width + x] =
+            samples == 0 ? uint8_t{255} : static_cast<uint8_t>((510 * lit + samples) / (2 * samples));
+      }
+    }
+  });
 }
 
 absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, size_t light) {
@@ -776,7 +870,7 @@ absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, si
   Stopwatch watch;
 
   // 1. Ray coordinates whose third axis looks towards the samples, if they all lie to one side of the light.
-  SetUpFrame(request, *ray_space);
+  SetUpFrame(*ray_space);
   face_count = 6;
   cells = 0;
   const glm::dvec3 hint = request.camera != nullptr ? ViewDirection(*request.camera) : glm::dvec3(0, 1, 0);
@@ -870,6 +964,7 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
   Workspace& w = *workspace_;
   w.SetUpLayers(request);
   w.SetUpCasters(request);
+  if (absl::Status status = w.PlaceMovedInstances(request); !status.ok()) return status;
   if (!w.place.Reserve(w.pixels) || !w.rank.Reserve(w.pixels)) return OutOfMemory(w.pixels);
   w.chunks.clear();
   const int threads = std::max(tbb::this_task_arena::max_concurrency(), 1);
@@ -887,6 +982,7 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
   w.masks.resize(request.lights.size());
   if (w.bits.size() < request.lights.size()) w.bits.resize(request.lights.size());
   if (w.rgb.size() < request.lights.size()) w.rgb.resize(request.lights.size());
+  if (w.coverage.size() < request.lights.size()) w.coverage.resize(request.lights.size());
   for (size_t light = 0; light < request.lights.size(); ++light) {
     if (absl::Status status = w.RenderLight(request, light); !status.ok()) return status;
   }
@@ -901,6 +997,8 @@ size_t MaskRenderer::MemoryBytes() const {
                  w.packet_lock.MemoryBytes() + w.histograms.MemoryBytes() + w.cell_start.MemoryBytes();
   for (const auto& mask : w.bits) bytes += mask.capacity();
   for (const auto& mask : w.rgb) bytes += mask.capacity();
+  for (const auto& mask : w.coverage) bytes += mask.capacity();
+  bytes += w.moved_blocks.MemoryBytes() + w.moved_clusters.capacity() * sizeof(MaskScene::Cluster);
   return bytes;
 }
 

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
@@ -9,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/cancellation.h"
 #include "core/frame/camera.h"
 #include "core/frame/images.h"
@@ -27,16 +26,18 @@ namespace shadowfit {
 /// There is no projection in the test and no map orientation, hence no seam, and no triangle needs clipping.
 ///
 /// Accuracy. The outcome may differ from exact arithmetic only
+///
 ///   - where the shadow ray passes within 8 * 2^-24 radians of a triangle's edge, as seen from the light, or
-///   for a
-///     directional light within 8 * 2^-24 of the edge's coordinates relative to the samples' centre, each
-///     times (2 + longest edge squared over twice the area) at the tips of slivers;
+///     for a directional light within 8 * 2^-24 of the edge's coordinates relative to the samples' centre,
+///     each times (2 + longest edge squared over twice the area) at the tips of slivers;
+///
 ///   - where the sample lies within its error bound of the triangle's plane. The bound is derived, not tuned:
-///   how
-///     far the sample moves along its view ray when its depth changes by the rounding of its format and of a
-///     single-precision projection (3 * 2^-24), plus 4 * 2^-24 of the world coordinates and 16 * 2^-24 of the
-///     distance to the light. Within it a triangle is taken to be the sample's own surface and blocks
-///     nothing.
+///     how far the sample moves along its view ray when its depth changes by the rounding of its format and
+///     of a single-precision projection (3 * 2^-24), plus 4 * 2^-24 of the world coordinates and 16 * 2^-24
+///     of the distance to the light. Within it a triangle is taken to be the sample's own surface and blocks
+///     nothing. (A sample is where its depth says. Against rays from the exact surface, the depth's rounding
+///     turns the shadow ray as well, by as much as it moves the sample across it.)
+///
 /// A sample within the bound of two triangles, and certainly behind none, is undecided: reported lit and
 /// counted. Results are bitwise the same for any number of threads, and for every method.
 
@@ -49,13 +50,14 @@ enum class MaskMethod {
 
 enum class MaskOutput {
   /// One bit a sample. A semi-transparent caster blocks where the mean of its channels' transmittance is
-  /// below
-  /// one half, as in the reference, and is ignored elsewhere.
+  /// below one half, as in the reference, and is ignored elsewhere.
   kBits,
   /// RGB8 a sample beside the bits: the product of the transmittances of all blockers, 255 = all light
-  /// arrives.
-  /// Bits are then set behind opaque casters only.
+  /// arrives. Bits are then set behind opaque casters only.
   kTransmittance,
+  /// One byte a pixel beside the bits: the share of its samples, of all layers together, that light reaches;
+  /// 255 = all. Background and samples outside a spot's cone do not count; without samples it is 255.
+  kCoverage,
 };
 
 /// What the depth values went through before they became float; decides the error bound.
@@ -71,11 +73,20 @@ struct ReceiverLayer {
   ImageView<glm::vec3> ws_positions;  ///< Optional, instead of depth: world positions; NaN is background.
 };
 
+/// Where an instance of the scene is in this frame.
+struct MovedInstance {
+  size_t instance = 0;
+  glm::mat4x3 world_from_object{1.0f};
+};
+
 struct MaskRequest {
   const MaskScene* scene = nullptr;
   const Camera* camera = nullptr;  ///< May be null if all layers have positions.
   std::span<const ReceiverLayer> layers;
   std::span<const Light> lights;
+  /// Instances that are elsewhere than the scene says, none twice. The scene itself is not changed, so that
+  /// many frames can share it; costs one pass over these instances' triangles.
+  std::span<const MovedInstance> moved_instances;
   DepthFormat depth_format = DepthFormat::kFloat32;
   MaskOutput output = MaskOutput::kBits;
   MaskMethod method = MaskMethod::kGrid;
@@ -93,14 +104,15 @@ struct LightMask {
   /// Layer after layer, row 0 (the bottom) first, bytes_per_row each; bit x % 8 of byte x / 8 of a row is set
   /// where pixel x is in shadow. Background, samples outside a spot's cone and the padding of rows are clear.
   std::span<const uint8_t> bits;
-  size_t bytes_per_row = 0;         ///< A multiple of 2.
-  std::span<const uint8_t> rgb;     ///< Layer after layer, width * height * 3 bytes each; empty for kBits.
-  size_t samples = 0;               ///< Not background.
-  size_t facing_away_samples = 0;   ///< Decided by their normals; in shadow.
-  size_t outside_cone_samples = 0;  ///< Decided by the spot's cone; their bits are clear.
-  size_t shadowed_samples = 0;      ///< Set bits.
-  size_t undecided_samples = 0;     ///< See above; reported lit.
-  int faces = 0;                    ///< Planes of projection that the sample layout used.
+  size_t bytes_per_row = 0;           ///< A multiple of 2.
+  std::span<const uint8_t> rgb;       ///< kTransmittance: layer after layer, width * height * 3 bytes each.
+  std::span<const uint8_t> coverage;  ///< kCoverage: width * height bytes, whatever the number of layers.
+  size_t samples = 0;                 ///< Not background.
+  size_t facing_away_samples = 0;     ///< Decided by their normals; in shadow.
+  size_t outside_cone_samples = 0;    ///< Decided by the spot's cone; their bits are clear.
+  size_t shadowed_samples = 0;        ///< Set bits.
+  size_t undecided_samples = 0;       ///< See above; reported lit.
+  int faces = 0;                      ///< Planes of projection that the sample layout used.
   MaskTimings milliseconds;
 
   bool InShadow(size_t layer, int height, int x, int y) const {
@@ -125,7 +137,7 @@ class MaskRenderer {
   MaskRenderer& operator=(MaskRenderer&&) noexcept;
 
   /// Masks of all lights, in their order; valid until the next call. InvalidArgument names the field, as
-  /// "lights[1]: direction: zero-length vector" or "layers[0].depth: size 0x4". ResourceExhausted where
+  /// "lights[1].direction: zero-length vector" or "layers[0].depth: size 0x4". ResourceExhausted where
   /// memory runs out, Cancelled or DeadlineExceeded within milliseconds of the request's cancellation asking
   /// for it.
   absl::StatusOr<std::span<const LightMask>> Render(const MaskRequest& request);
