@@ -49,13 +49,18 @@ inline std::vector<Triangle> Flatten(const Scene& scene) {
   return triangles;
 }
 
-enum class Answer { kBlocked, kClear, kUnsure };
+enum class Answer {
+  kBlocked,
+  kClear,
+  kOnSurface,  ///< Clear: the point lies on this triangle, within the bound.
+  kUnsure,
+};
 
 /// Does the triangle block the light's ray to the point? Planes nearer to the point than least_bound
 /// certainly do not, those further than most_bound certainly may. `reach` is how far points are from their
-/// centre.
+/// centre, `displacement` how far the point may be from where the ray starts.
 inline Answer Blocks(const Triangle& triangle, const Light& light, const glm::dvec3& ws_point,
-                     Real least_bound, Real most_bound, Real reach) {
+                     Real least_bound, Real most_bound, Real reach, Real displacement = 0) {
   std::array<Vec, 3> v;
   Vec r{};
   Real turn, plane_d;
@@ -77,13 +82,13 @@ inline Answer Blocks(const Triangle& triangle, const Light& light, const glm::dv
       // Signed distance of the point's ray from the edge's line.
       worst = std::min(worst, -turn * Dot(side, v[i]) / length);
     }
-    const Real tolerance = 8 * kRoundoff * reach;
+    const Real tolerance = 8 * kRoundoff * reach + displacement;
     if (worst < -tolerance) return Answer::kClear;
     // Distance of the point behind the plane.
     const Real height = turn * -Dot(plane, v[0]) / Length(plane);
     if (height < -most_bound) return Answer::kClear;
     if (worst > tolerance && height > most_bound) return Answer::kBlocked;
-    return std::abs(height) <= least_bound ? Answer::kClear : Answer::kUnsure;
+    return worst > tolerance && std::abs(height) <= least_bound ? Answer::kOnSurface : Answer::kUnsure;
   }
   const Vec origin = std::holds_alternative<PointLight>(light)
                          ? ToVec(std::get<PointLight>(light).ws_position)
@@ -103,12 +108,12 @@ inline Answer Blocks(const Triangle& triangle, const Light& light, const glm::dv
     if (length == 0) return Answer::kUnsure;
     worst = std::min(worst, turn * Dot(edge[i], r) / length / Length(r));
   }
-  const Real tolerance = 8 * kRoundoff;
+  const Real tolerance = 8 * kRoundoff + displacement / Length(r);
   if (worst < -tolerance) return Answer::kClear;
   const Real height = turn * (Dot(plane, r) - plane_d) / Length(plane);
   if (height < -most_bound) return Answer::kClear;
   if (worst > tolerance && height > most_bound) return Answer::kBlocked;
-  return std::abs(height) <= least_bound ? Answer::kClear : Answer::kUnsure;
+  return worst > tolerance && std::abs(height) <= least_bound ? Answer::kOnSurface : Answer::kUnsure;
 }
 
 }  // namespace shadowfit::oracle
