@@ -8,6 +8,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <string>
@@ -56,6 +57,41 @@ std::vector<glm::vec3> Positions(const BenchScene& bench, const Camera& camera,
   return positions;
 }
 
+/// Bytes a second that all threads together copy, read and written both counted: the roof that the phases are
+/// measured against.
+double CopyBandwidth() {
+  constexpr size_t kBytes = size_t{64} << 20;
+  const std::vector<uint8_t> from(kBytes, 1);
+  std::vector<uint8_t> to(kBytes);
+  double least = 1e300;
+  for (int i = 0; i < 5; ++i) {
+    least = std::min(least, Milliseconds([&] {
+                       tbb::parallel_for(
+                           tbb::blocked_range<size_t>(0, kBytes, kBytes / 16), [&](const auto& range) {
+                             std::copy(from.begin() + static_cast<std::ptrdiff_t>(range.begin()),
+                                       from.begin() + static_cast<std::ptrdiff_t>(range.end()),
+                                       to.begin() + static_cast<std::ptrdiff_t>(range.begin()));
+                           });
+                     }));
+  }
+  return 2.0 * static_cast<double>(kBytes) / (1e-3 * least);
+}
+
+/// Slope of log time over log size, by least squares.
+double Exponent(const std::vector<double>& sizes, const std::vector<double>& times) {
+  double mean_x = 0, mean_y = 0;
+  for (size_t i = 0; i < sizes.size(); ++i) {
+    mean_x += std::log(sizes[i]) / static_cast<double>(sizes.size());
+    mean_y += std::log(times[i]) / static_cast<double>(sizes.size());
+  }
+  double above = 0, below = 0;
+  for (size_t i = 0; i < sizes.size(); ++i) {
+    above += (std::log(sizes[i]) - mean_x) * (std::log(times[i]) - mean_y);
+    below += (std::log(sizes[i]) - mean_x) * (std::log(sizes[i]) - mean_x);
+  }
+  return above / below;
+}
+
 struct Options {
   int repeats = 9;
   bool avx2 = true;
@@ -64,7 +100,7 @@ struct Options {
   bool embree = true;
 };
 
-void Run(const BenchScene& bench, const Options& options, int threads) {
+double Run(const BenchScene& bench, const Options& options, int threads, double bandwidth) {
   const Camera camera = *Camera::Create(bench.camera);
   EmbreeShadows embree(bench, threads);
   embree.Build(RTC_BUILD_QUALITY_MEDIUM);
@@ -155,9 +191,27 @@ void Run(const BenchScene& bench, const Options& options, int threads) {
                 phase(&MaskTimings::resolve));
   }
   std::printf("\n");
+  if (options.phases) {
+    // What each phase must at least move: depth, cell and rank of a pixel; sixteen bytes a sample, read
+    // before they are written; nine floats a triangle and the packets once. A share of the copy bandwidth.
+    const double pixels = double(bench.width) * bench.height, samples = double(mask.samples);
+    const double bytes[4] = {12 * pixels, 16 * pixels + 32 * samples,
+                             36 * double(scene->TriangleCount()) + 16 * samples, 4 * pixels + pixels / 8};
+    double MaskTimings::*const members[4] = {&MaskTimings::bin, &MaskTimings::place, &MaskTimings::walk,
+                                             &MaskTimings::resolve};
+    const char* const names[4] = {"bin", "place", "walk", "resolve"};
+    std::printf("  share of copy bandwidth:");
+    for (int i = 0; i < 4; ++i) {
+      double least = 1e300;
+      for (const MaskTimings& t : phases) least = std::min(least, t.*members[i]);
+      std::printf("  %s %.1f MB %.0f %%", names[i], 1e-6 * bytes[i],
+                  100.0 * bytes[i] / (1e-3 * least) / bandwidth);
+    }
+    std::printf("\n");
+  }
   if (options.avx2) std::printf("  AVX2  %8.2f ms\n", Median(ours_avx2));
   if (options.bsp) std::printf("  bsp   %8.2f ms\n", Median(ours_bsp));
-  if (!options.embree) return;
+  if (!options.embree) return mine;
   double least_both = 1e300, least_trace = 1e300;
   for (int q = 0; q < 2; ++q) {
     std::printf("  Embree %-6s %8.2f + %8.2f ms  (%s)\n", q == 0 ? "LOW" : "MEDIUM", Median(build[q]),
@@ -177,6 +231,7 @@ void Run(const BenchScene& bench, const Options& options, int threads) {
     differ += !transmit && mask.InShadow(0, bench.height, x, y) != (shadow[i] != 0);
   }
   std::printf("   differing samples %zu\n", differ);
+  return mine;
 }
 
 }  // namespace
@@ -187,6 +242,8 @@ int main(int argc, char** argv) {
   std::vector<std::string> scenes{"1k", "10k", "100k", "1m", "terrain", "hair"};
   shadowfit::bench::Options options;
   int threads = 2;
+  bool scaling = false;
+  app.add_flag("--scaling", scaling, "Time over 1 K to 4 M triangles and 0.2 to 8 M samples");
   app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair")->delimiter(',');
   app.add_option("--repeats", options.repeats)->check(CLI::Range(1, 1000));
   app.add_option("--threads", threads)->check(CLI::Range(1, 256));
@@ -198,6 +255,26 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
                                     static_cast<size_t>(threads));
+  const double bandwidth = shadowfit::bench::CopyBandwidth();
+  std::printf("copy bandwidth %.1f GB/s\n", 1e-9 * bandwidth);
+  if (scaling) {
+    using namespace shadowfit::bench;  // NOLINT(google-build-using-namespace)
+    options.embree = options.avx2 = options.phases = false;
+    std::vector<double> sizes, times;
+    for (const size_t triangles : {1000, 10000, 100000, 1000000, 4000000}) {
+      sizes.push_back(static_cast<double>(triangles));
+      times.push_back(Run(RandomTriangles(triangles), options, threads, bandwidth));
+    }
+    std::printf("exponent over triangles %.2f\n", Exponent(sizes, times));
+    sizes.clear();
+    times.clear();
+    for (const int width : {512, 1024, 2048, 3264}) {
+      sizes.push_back(0.75 * width * width);
+      times.push_back(Run(RandomTriangles(100000, width, width * 3 / 4), options, threads, bandwidth));
+    }
+    std::printf("exponent over samples %.2f\n", Exponent(sizes, times));
+    return 0;
+  }
   for (const std::string& name : scenes) {
     using namespace shadowfit::bench;  // NOLINT(google-build-using-namespace)
     const BenchScene bench = name == "1k"        ? RandomTriangles(1000)
@@ -207,7 +284,7 @@ int main(int argc, char** argv) {
                              : name == "4m"      ? RandomTriangles(4000000)
                              : name == "terrain" ? Terrain(700)
                                                  : HairBall(5000);
-    Run(bench, options, threads);
+    Run(bench, options, threads, bandwidth);
   }
   return 0;
 }
