@@ -171,9 +171,8 @@ absl::StatusOr<LightFit> FitPlaneOptimal(const LightProblem& problem) {
       }
     }
   }
-  const std::vector<glm::dvec3>& footprints = problem.samples->hull_footprint_rays;
-  for (int k = 0; k < 16 && outermost[0] >= 0 && footprints.size() == 4 * hull_rays.size(); ++k) {
-    const glm::dvec3 ray = footprints[4 * static_cast<size_t>(outermost[k / 4]) + static_cast<size_t>(k % 4)];
+  for (int k = 0; k < 16 && outermost[0] >= 0; ++k) {
+    const glm::dvec3 ray = problem.samples->FootprintCorner(static_cast<size_t>(outermost[k / 4]), k % 4);
     if (!(glm::dot(image.w, ray) > 0.0)) continue;
     const glm::dvec2 ndc = glm::clamp(image.Project(ray), -1.0, 1.0);
     low = glm::min(low, ndc);

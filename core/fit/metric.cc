@@ -39,35 +39,6 @@ double FrobeniusMetric(const BoundarySamples& samples, const glm::dmat3& texel_f
   return sum;
 }
 
-glm::dvec3 FrobeniusAxisGradient(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
-  glm::dvec3 gradient(0.0);
-  for (size_t s = 0; s < samples.size(); ++s) {
-    const glm::dvec3 r = samples.Ray(s);
-    const glm::dvec3 dr[2] = {samples.RayDx1(s), samples.RayDx2(s)};
-    const glm::dvec3 h_r = texel_from_ray * r;
-    const double w = h_r.z;
-    if (!(w > 0.0)) continue;
-    const glm::dvec2 u = glm::dvec2(h_r) / w;
-    const glm::dvec3 h_dr[2] = {texel_from_ray * dr[0], texel_from_ray * dr[1]};
-    glm::dmat2 jacobian;
-    for (int j = 0; j < 2; ++j) jacobian[j] = (glm::dvec2(h_dr[j]) - u * h_dr[j].z) / w;
-    const double det = glm::determinant(jacobian);
-    if (det == 0.0) continue;
-    const double squares = glm::dot(jacobian[0], jacobian[0]) + glm::dot(jacobian[1], jacobian[1]);
-    // h_sample = N / D^2 with N = sum J_ij^2, D = det J. dh/dJ_ij = 2 J_ij / D^2 - 2 N / D^3 dD/dJ_ij.
-    const double cofactor[2][2] = {{jacobian[1][1], -jacobian[1][0]}, {-jacobian[0][1], jacobian[0][0]}};
-    for (int j = 0; j < 2; ++j) {
-      for (int i = 0; i < 2; ++i) {
-        const double dh =
-            2.0 * jacobian[j][i] / (det * det) - 2.0 * squares / (det * det * det) * cofactor[j][i];
-        const glm::dvec3 dj = ((2.0 * u[i] * h_dr[j].z - h_dr[j][i]) * r - h_r[i] * dr[j]) / (w * w);
-        gradient += dh * dj;
-      }
-    }
-  }
-  return gradient;
-}
-
 double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
                        std::vector<double>* scratch) {
   scratch->clear();

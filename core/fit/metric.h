@@ -21,11 +21,6 @@ glm::dmat2 TexelJacobian(const glm::dmat3& texel_from_ray, const glm::dvec3& r, 
 /// left out.
 double FrobeniusMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
 
-/// The gradient of the same by h3 with h1 and h2 held fixed (TR-07-07, appendix):
-///
-///   d(J_ij)/dh3 = [ (2 u_i (h3.dr_j) - (h_i.dr_j)) r - (h_i.r) dr_j ] / (h3.r)^2
-glm::dvec3 FrobeniusAxisGradient(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
-
 /// The median over samples of ||J^-1||_F^2, by which the papers decide whether a new matrix is a sufficient
 /// improvement. 0 without samples. `scratch` is working memory.
 double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/fit/frobenius_moments.h"
 #include "core/fit/metric.h"
 #include "core/fit/minimum_area_fit.h"
 #include "core/fit/ray_hull.h"
@@ -19,11 +20,11 @@ class AxisDescent {
   AxisDescent(const LightProblem& problem, const PaperOptions& options, RayHull hull)
       : options_(options), map_size_(problem.map_size), hull_(std::move(hull)) {
     const BoundarySamples& samples = problem.samples->boundary;
-    samples_.Reserve(samples.size());
     const glm::dmat3& n = hull_.normalized_from_ray;
     for (size_t i = 0; i < samples.size(); ++i) {
-      samples_.Add(n * samples.Ray(i), n * samples.RayDx1(i), n * samples.RayDx2(i), samples.q[i],
-                   {samples.n1[i], samples.n2[i]}, samples.length[i]);
+      const glm::dvec3 ray = n * samples.Ray(i);
+      if (!hull_.Keeps(ray)) continue;
+      moments_.Add(ray, n * samples.RayDx1(i), n * samples.RayDx2(i));
     }
     polygon_.resize(hull_.vertices.size());
   }
@@ -47,11 +48,11 @@ class AxisDescent {
   /// Steps 4.a and 4.b: the best matrix from `axis` on, and how often the objective was evaluated.
   glm::dmat3 Descend(glm::dvec3 axis, int* evaluations) {
     glm::dmat3 best = FitAffine(axis);
-    double best_h = FrobeniusMetric(samples_, best);
+    double best_h = moments_.Value(best);
     *evaluations = 1;
     for (int iteration = 0; iteration < options_.iterations; ++iteration) {
       axis = glm::transpose(best)[2];
-      const glm::dvec3 gradient = FrobeniusAxisGradient(samples_, best);
+      const glm::dvec3 gradient = moments_.AxisGradient(best);
       // The axis turns about h3 x (-grad h): towards the negative gradient.
       const glm::dvec3 turn = glm::cross(axis, -gradient);
       const double length = glm::length(turn);
@@ -62,7 +63,7 @@ class AxisDescent {
         // An axis that leaves the dual cone has samples behind it: no map.
         if (SmallestCosine(candidate) <= kSmallestCosine) continue;
         const glm::dmat3 matrix = FitAffine(candidate);
-        const double h = FrobeniusMetric(samples_, matrix);
+        const double h = moments_.Value(matrix);
         ++*evaluations;
         if (h < best_h) {
           best_h = h;
@@ -88,7 +89,7 @@ class AxisDescent {
   const PaperOptions& options_;
   MapSize map_size_;
   RayHull hull_;
-  BoundarySamples samples_;
+  FrobeniusMoments moments_;
   std::vector<glm::dvec2> polygon_;
 };
 

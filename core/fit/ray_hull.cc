@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <numeric>
 
+#include "core/fit/outer_samples.h"
 #include "core/math/convex_hull.h"
 #include "core/math/enclosing_cone.h"
 
@@ -63,8 +66,8 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
   std::vector<glm::dvec3> normalized;
   normalized.reserve(rays.size());
   for (const glm::dvec3& r : rays) {
-    const double length = glm::length(r);
-    if (length > 0.0 && std::isfinite(length)) normalized.push_back(r);
+    const double squared = glm::dot(r, r);
+    if (squared > 0.0 && std::isfinite(squared)) normalized.push_back(r);
   }
   RayHull hull;
   if (ray_space.is_directional()) {
@@ -75,10 +78,8 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
   std::optional<EnclosingCone> cone = SmallestEnclosingCone(normalized);
   if (!cone || cone->cos_half_angle < 1e-4) {
     hull.complete = false;
-    const glm::dvec3 axis = BestReducedAxis(normalized);
-    std::erase_if(normalized, [&](const glm::dvec3& r) {
-      return glm::dot(axis, r) <= std::cos(kReducedHalfAngle) * glm::length(r);
-    });
+    hull.reduced_axis = BestReducedAxis(normalized);
+    std::erase_if(normalized, [&](const glm::dvec3& r) { return !hull.Keeps(r); });
     cone = SmallestEnclosingCone(normalized);
     // Nothing that a map could hold: any regular map serves.
     if (!cone) {
@@ -97,18 +98,40 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
   return hull;
 }
 
+bool RayHull::Keeps(const glm::dvec3& normalized_ray) const {
+  return complete ||
+         glm::dot(reduced_axis, normalized_ray) > std::cos(kReducedHalfAngle) * glm::length(normalized_ray);
+}
+
 RayHull MakeRayHull(const LightProblem& problem, bool with_footprints) {
   const LightSamples& samples = *problem.samples;
-  std::vector<glm::dvec3> rays = samples.hull_rays;
-  if (with_footprints) {
-    rays.insert(rays.end(), samples.hull_footprint_rays.begin(), samples.hull_footprint_rays.end());
-  }
-  if (rays.empty()) {
-    for (const glm::dvec3& corner : problem.ws_scene_bounds.Corners()) {
-      rays.push_back(problem.ray_space->RayFromPoint(corner));
+  std::vector<int32_t> chosen = OuterSamples(samples, *problem.ray_space, with_footprints);
+  std::vector<glm::dvec3> rays;
+  const auto hull_of_chosen = [&] {
+    rays.clear();
+    rays.reserve((with_footprints ? 5 : 1) * chosen.size());
+    for (const int32_t index : chosen) {
+      const auto i = static_cast<size_t>(index);
+      rays.push_back(samples.hull_rays[i]);
+      for (int corner = 0; with_footprints && corner < 4; ++corner) {
+        rays.push_back(samples.FootprintCorner(i, corner));
+      }
     }
+    if (rays.empty()) {
+      for (const glm::dvec3& corner : problem.ws_scene_bounds.Corners()) {
+        rays.push_back(problem.ray_space->RayFromPoint(corner));
+      }
+    }
+    return MakeRayHull(*problem.ray_space, rays);
+  };
+  RayHull hull = hull_of_chosen();
+  if (!hull.complete && chosen.size() < samples.hull_rays.size()) {
+    // A part of the samples is kept, which inner samples are a part of too.
+    chosen.resize(samples.hull_rays.size());
+    std::iota(chosen.begin(), chosen.end(), 0);
+    hull = hull_of_chosen();
   }
-  return MakeRayHull(*problem.ray_space, rays);
+  return hull;
 }
 
 }  // namespace shadowfit

@@ -19,9 +19,14 @@ struct RayHull {
   std::vector<glm::dvec3> vertices;
   /// Unit axis of the smallest cone around the rays: the best-centred valid axis.
   glm::dvec3 axis{0.0, 0.0, 1.0};
+  /// The centre of the cone that was kept; meaningless where the hull is complete.
+  glm::dvec3 reduced_axis{0.0, 0.0, 1.0};
   /// False where the rays span a half space or more, so that no single map holds them: the hull then is that
   /// of the rays within kReducedHalfAngle of the axis that keeps most of them.
   bool complete = true;
+
+  /// Whether a ray in normalised coordinates is one that the hull was made of: all are, where it is complete.
+  bool Keeps(const glm::dvec3& normalized_ray) const;
 };
 
 /// Half angle in radians (75 degrees) of the cone that is kept where the rays do not fit into any.

@@ -45,7 +45,8 @@ void LightSamples::Clear() {
   rough_boundary.Clear();
   hull_rays.clear();
   hull_along_ray.clear();
-  hull_footprint_rays.clear();
+  hull_rays_dx1.clear();
+  hull_rays_dx2.clear();
 }
 
 }  // namespace shadowfit

@@ -45,10 +45,16 @@ struct LightSamples {
   BoundarySamples rough_boundary;
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.
-  /// The corners of the hull samples' footprints, one low-resolution pixel to every side: shadow that fell
-  /// between samples lies within them. Four for every hull ray, in their order.
-  std::vector<glm::dvec3> hull_footprint_rays;
+  /// Derivatives of the hull rays along screen x and y, per low-resolution pixel: with them the hull samples'
+  /// footprints, one pixel to every side, within which lies all shadow that fell between samples.
+  std::vector<glm::dvec3> hull_rays_dx1;
+  std::vector<glm::dvec3> hull_rays_dx2;
 
+  /// A corner, 0 to 3, of a hull sample's footprint.
+  glm::dvec3 FootprintCorner(size_t i, int corner) const {
+    const glm::dvec3 along1 = (corner & 1) != 0 ? hull_rays_dx1[i] : -hull_rays_dx1[i];
+    return hull_rays[i] + along1 + ((corner & 2) != 0 ? hull_rays_dx2[i] : -hull_rays_dx2[i]);
+  }
   void Clear();
 };
 

@@ -115,9 +115,8 @@ OwnedProblem::OwnedProblem(const ProblemSetup& setup)
       const double angle = 0.7 * x + 1.3 * y;
       samples_.boundary.Add(ray, dr1, dr2, ray_space_.AlongRay(ws_point), {std::cos(angle), std::sin(angle)},
                             1.0);
-      for (const glm::dvec2& corner : {glm::dvec2(1, 1), {1, -1}, {-1, 1}, {-1, -1}}) {
-        samples_.hull_footprint_rays.push_back(ray + corner.x * dr1 + corner.y * dr2);
-      }
+      samples_.hull_rays_dx1.push_back(dr1);
+      samples_.hull_rays_dx2.push_back(dr2);
     }
   }
   if (nearer(farthest, nearest)) {  // Nothing seen.

@@ -128,7 +128,8 @@ TEST(FrameSampler, PlanesHaveNoDiscontinuityAndSilhouettesDo) {
   const std::vector<LightSamples> samples = Sample(floor, {64, 64});
   // The border's 64 + 2 * 20 - 2 pixels, and 2 * 64 along the edge, 2 and 0 of which are at the border too.
   EXPECT_EQ(samples[0].hull_rays.size(), 64u + 2 * 20 - 2 + 2 * 64 - 2);
-  EXPECT_EQ(samples[0].hull_footprint_rays.size(), 4 * samples[0].hull_rays.size());
+  EXPECT_EQ(samples[0].hull_rays_dx1.size(), samples[0].hull_rays.size());
+  EXPECT_EQ(samples[0].hull_rays_dx2.size(), samples[0].hull_rays.size());
 }
 
 TEST(FrameSampler, IgnoresBitsOfSurfacesThatFaceAway) {

@@ -1,0 +1,168 @@
+#include "core/fit/outer_samples.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "core/fit/ray_hull.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/fit/outer_samples.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// Share of a product's size below which its sign is rounding: the octagon's own corners must not count as
+/// inside it.
+constexpr double kRounding = 1e-12;
+
+/// Which of `count` rays are not strictly on the positive side of all `sides` covectors, together with their
+/// footprint r +- dx1 +- dx2 where dx1 is not null. A covector is linear, so that the least of the five
+/// values is c.r - |c.dx1| - |c.dx2|. Rays are x, y, z in turn. Returns how many indices were written.
+size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, size_t count,
+                     const double (*covectors)[3], size_t sides, int32_t* outside) {
+  const hn::CappedTag<double, 8> d;
+  const size_t lanes = hn::Lanes(d);
+  size_t found = 0;
+  const auto along = [&](size_t side, const auto& x, const auto& y, const auto& z) {
+    return hn::Add(
+        hn::Add(hn::Mul(hn::Set(d, covectors[side][0]), x), hn::Mul(hn::Set(d, covectors[side][1]), y)),
+        hn::Mul(hn::Set(d, covectors[side][2]), z));
+  };
+  size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    auto x = hn::Undefined(d), y = hn::Undefined(d), z = hn::Undefined(d);
+    auto x1 = hn::Zero(d), y1 = hn::Zero(d), z1 = hn::Zero(d);
+    auto x2 = hn::Zero(d), y2 = hn::Zero(d), z2 = hn::Zero(d);
+    hn::LoadInterleaved3(d, rays + 3 * i, x, y, z);
+    if (dx1 != nullptr) {
+      hn::LoadInterleaved3(d, dx1 + 3 * i, x1, y1, z1);
+      hn::LoadInterleaved3(d, dx2 + 3 * i, x2, y2, z2);
+    }
+    const auto size = hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), hn::Abs(z));
+    auto inside = hn::Eq(hn::Zero(d), hn::Zero(d));
+    for (size_t side = 0; side < sides; ++side) {
+      const auto least = hn::Sub(hn::Sub(along(side, x, y, z), hn::Abs(along(side, x1, y1, z1))),
+                                 hn::Abs(along(side, x2, y2, z2)));
+      const double largest = std::max(
+          {std::abs(covectors[side][0]), std::abs(covectors[side][1]), std::abs(covectors[side][2])});
+      // False for NaN.
+      inside = hn::And(inside, hn::Gt(least, hn::Mul(hn::Set(d, kRounding * largest), size)));
+    }
+    std::array<uint8_t, 8> bytes{};
+    hn::StoreMaskBits(d, inside, bytes.data());
+    for (size_t lane = 0; lane < lanes; ++lane) {
+      if (((bytes[0] >> lane) & 1) == 0) outside[found++] = static_cast<int32_t>(i + lane);
+    }
+  }
+  for (; i < count; ++i) outside[found++] = static_cast<int32_t>(i);
+  return found;
+}
+
+}  // namespace shadowfit::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace shadowfit {
+namespace {
+
+HWY_EXPORT(RaysNotInside);
+
+constexpr size_t kCorners = 8;
+
+/// Every this many samples make the octagon; any part of the samples makes a valid one.
+constexpr size_t kProbes = 512;
+
+std::vector<int32_t> All(size_t count) {
+  std::vector<int32_t> all(count);
+  std::iota(all.begin(), all.end(), 0);
+  return all;
+}
+
+/// The chart in which the octagon is made: any in which all rays are in front.
+bool FrontPlane(const std::vector<glm::dvec3>& rays, size_t stride, bool directional, ImagePlane* plane) {
+  if (directional) {
+    *plane = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    return true;
+  }
+  glm::dvec3 mean(0.0);
+  for (size_t i = 0; i < rays.size(); i += stride) {
+    if (const double length = glm::length(rays[i]); length > 0.0) mean += rays[i] / length;
+  }
+  const double length = glm::length(mean);
+  if (!(length > 0.0) || !std::isfinite(length)) return false;
+  *plane = ImagePlane::About(mean / length);
+  return true;
+}
+
+}  // namespace
+
+std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& ray_space,
+                                  bool with_footprints) {
+  const std::vector<glm::dvec3>& rays = samples.hull_rays;
+  const size_t stride = std::max<size_t>(1, rays.size() / kProbes);
+  ImagePlane plane;
+  if (rays.size() < 4 * kCorners || !FrontPlane(rays, stride, ray_space.is_directional(), &plane)) {
+    return All(rays.size());
+  }
+  constexpr std::array<std::array<double, 2>, kCorners> kAlong = {
+      {{1, 0}, {1, 1}, {0, 1}, {-1, 1}, {-1, 0}, {-1, -1}, {0, -1}, {1, -1}}};
+  std::array<double, kCorners> most;
+  most.fill(-std::numeric_limits<double>::infinity());
+  std::array<glm::dvec2, kCorners> corner;
+  corner.fill(glm::dvec2(0.0));
+  for (size_t i = 0; i < rays.size(); i += stride) {
+    // Far from the axis the projection stretches too much to trust its rounding.
+    if (!(glm::dot(plane.axis, rays[i]) > 0.05 * glm::length(rays[i])) && !ray_space.is_directional()) {
+      return All(rays.size());
+    }
+    const glm::dvec2 p = plane.Project(rays[i]);
+    for (size_t k = 0; k < kCorners; ++k) {
+      const double along = kAlong[k][0] * p.x + kAlong[k][1] * p.y;
+      if (along > most[k]) {
+        most[k] = along;
+        corner[k] = p;
+      }
+    }
+  }
+
+  // A point v is left of an edge (a, b) where (b - a) x (v - a) > 0, which is linear in the ray: times w.
+  std::array<double[3], kCorners + 1> covectors;
+  size_t sides = 0;
+  const auto add = [&](const glm::dvec3& covector) {
+    for (int axis = 0; axis < 3; ++axis) covectors[sides][axis] = covector[axis];
+    ++sides;
+  };
+  for (size_t k = 0; k < kCorners; ++k) {
+    const glm::dvec2 a = corner[k];
+    const glm::dvec2 edge = corner[(k + 1) % kCorners] - a;
+    if (edge == glm::dvec2(0.0)) continue;  // Two directions have the same extreme point.
+    add(edge.x * plane.b2 - edge.y * plane.b1 + (edge.y * a.x - edge.x * a.y) * plane.axis);
+  }
+  add(plane.axis);
+  if (sides < 4) return All(rays.size());  // No octagon: the samples are on one line.
+
+  std::vector<int32_t> outer(rays.size());
+  static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
+  const auto flat = [](const std::vector<glm::dvec3>& v) { return &v.data()->x; };
+  const size_t found =
+      HWY_DYNAMIC_DISPATCH(RaysNotInside)(flat(rays), with_footprints ? flat(samples.hull_rays_dx1) : nullptr,
+                                          with_footprints ? flat(samples.hull_rays_dx2) : nullptr,
+                                          rays.size(), covectors.data(), sides, outer.data());
+  outer.resize(found);
+  if (!ray_space.is_directional()) {
+    for (const int32_t i : outer) {
+      if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return All(rays.size());
+    }
+  }
+  return outer;
+}
+
+}  // namespace shadowfit
+#endif
