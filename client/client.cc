@@ -14,17 +14,21 @@
 #include "client/grpc_status.h"
 #include "shadowfit/v1/info.grpc.pb.h"
 #include "shadowfit/v1/optimizer.grpc.pb.h"
+#include "shadowfit/v1/resolution.grpc.pb.h"
 
 namespace shadowfit {
 namespace {
 
-// Calls of Optimize depend on nothing but their frame, so that any replica can serve any call and a call that
+// These calls depend on nothing but their frame, so that any replica can serve any call and a call that
 // a dying replica lost may be sent again. Streams are not retried: their end is the caller's to know.
 constexpr char kServiceConfig[] = R"({
   "loadBalancingConfig": [{"round_robin": {}}],
   "healthCheckConfig": {"serviceName": "shadowfit.v1.OptimizerService"},
   "methodConfig": [{
-    "name": [{"service": "shadowfit.v1.OptimizerService", "method": "Optimize"}],
+    "name": [
+      {"service": "shadowfit.v1.OptimizerService", "method": "Optimize"},
+      {"service": "shadowfit.v1.ResolutionService", "method": "EstimateResolution"}
+    ],
     "retryPolicy": {
       "maxAttempts": 4,
       "initialBackoff": "0.02s",
@@ -36,9 +40,10 @@ constexpr char kServiceConfig[] = R"({
 })";
 
 // Hands a message to a request for as long as a call lasts: a frame is megabytes that need no copy.
+template <typename Request>
 class BorrowedFrame {
  public:
-  BorrowedFrame(const v1::Frame& frame, v1::OptimizeRequest& request) : request_(request) {
+  BorrowedFrame(const v1::Frame& frame, Request& request) : request_(request) {
     request_.unsafe_arena_set_allocated_frame(const_cast<v1::Frame*>(&frame));  // It is only read.
   }
   ~BorrowedFrame() { static_cast<void>(request_.unsafe_arena_release_frame()); }
@@ -46,7 +51,7 @@ class BorrowedFrame {
   BorrowedFrame& operator=(const BorrowedFrame&) = delete;
 
  private:
-  v1::OptimizeRequest& request_;
+  Request& request_;
 };
 
 template <typename Call>
@@ -105,6 +110,20 @@ absl::StatusOr<v1::FrameResult> Client::Optimize(const v1::Frame& frame, const C
   v1::OptimizeResponse response;
   const absl::Status status = RunCall(name_, options, [&](grpc::ClientContext* context) {
     return stub->Optimize(context, request, &response);
+  });
+  if (!status.ok()) return status;
+  return std::move(*response.mutable_result());
+}
+
+absl::StatusOr<v1::ResolutionResult> Client::EstimateResolution(
+    const v1::Frame& frame, const v1::ResolutionOptions& resolution_options, const CallOptions& options) {
+  const auto stub = v1::ResolutionService::NewStub(channel_);
+  v1::EstimateResolutionRequest request;
+  *request.mutable_options() = resolution_options;
+  const BorrowedFrame borrowed(frame, request);
+  v1::EstimateResolutionResponse response;
+  const absl::Status status = RunCall(name_, options, [&](grpc::ClientContext* context) {
+    return stub->EstimateResolution(context, request, &response);
   });
   if (!status.ok()) return status;
   return std::move(*response.mutable_result());

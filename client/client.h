@@ -11,6 +11,7 @@
 #include "client/frame_stream.h"
 #include "shadowfit/v1/frame.pb.h"
 #include "shadowfit/v1/info.pb.h"
+#include "shadowfit/v1/resolution.pb.h"
 
 namespace grpc {
 class Channel;
@@ -54,6 +55,11 @@ class Client {
   /// Fits one frame and waits for the answer. It depends on the frame alone: for stability over time, set
   /// lights[].previous_world_to_shadow_clip or use a stream.
   absl::StatusOr<v1::FrameResult> Optimize(const v1::Frame& frame, const CallOptions& options = {});
+
+  /// Estimates how large each light's map must be for one frame, best given at full resolution.
+  absl::StatusOr<v1::ResolutionResult> EstimateResolution(const v1::Frame& frame,
+                                                          const v1::ResolutionOptions& resolution_options,
+                                                          const CallOptions& options = {});
 
   /// Opens a stream, the fast way for a renderer. Does not block. The stream may outlive the client.
   std::unique_ptr<FrameStream> OpenStream(const FrameStreamOptions& options = {});

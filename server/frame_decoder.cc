@@ -142,7 +142,8 @@ absl::Status DecodeBits(const v1::BitBuffer& bits, BitsView* view) {
   return ViewRows(Samples<uint32_t>(bits.data()).data(), bits, "shadow_bits", view);
 }
 
-absl::Status DecodeLight(const v1::Light& light, const std::string& path, LightRequest* out) {
+absl::Status DecodeLight(const v1::Light& light, const std::string& path, FrameDecoder::MapSizes map_sizes,
+                         LightRequest* out) {
   out->id = light.id();
   switch (light.kind_case()) {
     case v1::Light::kPoint: {
@@ -172,10 +173,12 @@ absl::Status DecodeLight(const v1::Light& light, const std::string& path, LightR
     case v1::Light::KIND_NOT_SET:
       return FieldError(path + ".kind", "missing, one of point, spot, directional expected");
   }
-  if (!light.has_shadow_map()) return FieldError(path + ".shadow_map", "missing");
-  if (absl::Status status = DecodeSize(light.shadow_map(), path + ".shadow_map", &out->map_size);
-      !status.ok()) {
-    return status;
+  out->map_size = {};
+  if (light.has_shadow_map()) {
+    absl::Status status = DecodeSize(light.shadow_map(), path + ".shadow_map", &out->map_size);
+    if (!status.ok()) return status;
+  } else if (map_sizes == FrameDecoder::MapSizes::kRequired) {
+    return FieldError(path + ".shadow_map", "missing");
   }
   out->previous_clip_from_world.reset();
   if (!light.has_previous_world_to_shadow_clip()) return absl::OkStatus();
@@ -243,7 +246,7 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
   }
   request->lights.resize(static_cast<size_t>(frame.lights_size()));
   for (int i = 0; i < frame.lights_size(); ++i) {
-    status = DecodeLight(frame.lights(i), absl::StrFormat("lights[%d]", i),
+    status = DecodeLight(frame.lights(i), absl::StrFormat("lights[%d]", i), map_sizes_,
                          &request->lights[static_cast<size_t>(i)]);
     if (!status.ok()) return status;
   }

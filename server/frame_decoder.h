@@ -12,6 +12,13 @@ namespace shadowfit {
 /// Turns wire frames into core's requests. Keeps memory between calls: use one a stream.
 class FrameDecoder {
  public:
+  enum class MapSizes {
+    kRequired,
+    kOptional,  ///< A light without one has size 0x0.
+  };
+
+  explicit FrameDecoder(MapSizes map_sizes = MapSizes::kRequired) : map_sizes_(map_sizes) {}
+
   /// `request` borrows pictures from `frame` and from this decoder, until either changes. Checks what only
   /// the wire can get wrong: presence, sizes, byte counts, enumerations; what numbers mean is core's to
   /// check. InvalidArgument begins with the field's path within the frame.
@@ -20,6 +27,7 @@ class FrameDecoder {
  private:
   absl::Status DecodeDepth(const v1::DepthBuffer& depth, DepthView* view);
 
+  const MapSizes map_sizes_;
   std::vector<float> converted_depth_;  // Of encodings other than float32.
 };
 

@@ -24,12 +24,14 @@
 #include "server/listen_address.h"
 #include "server/load_collector.h"
 #include "server/optimizer_service.h"
+#include "server/resolution_service.h"
 #include "server/service_context.h"
 
 namespace shadowfit {
 namespace {
 
 constexpr const char* kServiceNames[] = {v1::OptimizerService::service_full_name(),
+                                         v1::ResolutionService::service_full_name(),
                                          v1::InfoService::service_full_name()};
 
 // Reflection and the health service are plug-ins of every server that is built after they are enabled.
@@ -87,7 +89,8 @@ absl::Status CheckServerOptions(const ServerOptions& options) {
 }
 
 struct Server::Impl {
-  explicit Impl(const ServerOptions& options) : context(options), optimizer(context), info(context) {}
+  explicit Impl(const ServerOptions& options)
+      : context(options), optimizer(context), resolution(context), info(context) {}
 
   void SetServing(bool serving) const {
     grpc::HealthCheckServiceInterface* health = grpc->GetHealthCheckService();
@@ -97,6 +100,7 @@ struct Server::Impl {
 
   ServiceContext context;
   OptimizerServiceImpl optimizer;
+  ResolutionServiceImpl resolution;
   InfoServiceImpl info;
   std::shared_ptr<LoadCollector> load;
   std::unique_ptr<prometheus::Exposer> exposer;
@@ -111,6 +115,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
 
   grpc::ServerBuilder builder;
   builder.RegisterService(&impl->optimizer);
+  builder.RegisterService(&impl->resolution);
   builder.RegisterService(&impl->info);
   builder.SetMaxReceiveMessageSize(static_cast<int>(options.max_message_bytes));
   builder.SetMaxSendMessageSize(-1);

@@ -20,6 +20,7 @@ void AddDemoCommand(CLI::App& app);
 void AddInfoCommand(CLI::App& app);
 void AddOptimizeCommand(CLI::App& app);
 void AddRenderCommand(CLI::App& app);
+void AddResolutionCommand(CLI::App& app);
 
 /// Whether the global flag --json was given, before or behind the command's name.
 bool JsonRequested(const CLI::App& command);

@@ -24,6 +24,7 @@ int main(int argc, char** argv) {
   shadowfit::AddInfoCommand(app);
   shadowfit::AddOptimizeCommand(app);
   shadowfit::AddRenderCommand(app);
+  shadowfit::AddResolutionCommand(app);
 
   try {
     app.parse(argc, argv);

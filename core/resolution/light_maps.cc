@@ -43,7 +43,7 @@ absl::StatusOr<std::vector<LightMap>> MapsOfLight(const Light& light, const RayS
   if (clip_from_world) {
     ShadowProjection projection;
     if (!ProjectionFromClip(ray_space, *clip_from_world, {2, 2}, &projection)) {
-      return absl::InvalidArgumentError("clip_from_world: not a regular matrix of this light");
+      return absl::InvalidArgumentError("previous_world_to_shadow_clip: not a regular matrix of this light");
     }
     // Texels of a 2x2 map, moved by one, are clip coordinates.
     glm::dmat3 rows = glm::transpose(projection.texel_from_ray);

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <set>
 
 #include "absl/strings/str_format.h"
 #include "core/resolution/light_maps.h"
@@ -280,19 +281,6 @@ void ReduceInDouble(const Tile& tile, const TileMap& map, TileExtent* extent) {
   resolution::ReduceTile(tile, depths, map, extent);
 }
 
-absl::Status CheckOptions(const ResolutionOptions& options) {
-  const int least = options.rounding == SizeRounding::kMultipleOf8 ? 8 : 1;
-  if (options.max_size < least || options.max_size > kMaxResolution) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("max_size: %d is outside [%d, %d]", options.max_size, least, kMaxResolution));
-  }
-  if (!(options.percentile > 0.0 && options.percentile <= 100.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("percentile: %g is outside (0, 100]", options.percentile));
-  }
-  return absl::OkStatus();
-}
-
 absl::Status CheckPictures(const ResolutionRequest& request) {
   const DepthView& depth = request.depth;
   if (depth.width < 1 || depth.width > kMaxDepthBufferSide || depth.height < 1 ||
@@ -373,6 +361,19 @@ DepthRange RangeOf(const RaySpace& ray_space, double least_along, double most_al
 
 }  // namespace
 
+absl::Status Validate(const ResolutionOptions& options) {
+  const int least = options.rounding == SizeRounding::kMultipleOf8 ? 8 : 1;
+  if (options.max_size < least || options.max_size > kMaxResolution) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("max_size: %d is outside [%d, %d]", options.max_size, least, kMaxResolution));
+  }
+  if (!(options.percentile > 0.0 && options.percentile <= 100.0)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("percentile: %g is outside (0, 100]", options.percentile));
+  }
+  return absl::OkStatus();
+}
+
 int RoundedSize(double needed, SizeRounding rounding, int max_size) {
   const double whole = std::ceil(needed - kTexelTolerance);
   const int size = whole >= max_size ? max_size : std::max(1, static_cast<int>(whole));
@@ -447,16 +448,24 @@ absl::Status ResolutionEstimator::Workspace::Plan(const ResolutionRequest& reque
   ws_from_window[2] *= depth_scale;
   if (camera->WsFromNdc({0.0, 0.0, NearNdc(convention)}).w < 0.0) ws_from_window = -ws_from_window;
 
+  if (request.lights.empty()) return absl::InvalidArgumentError("lights: empty, at least one is needed");
+  std::set<uint32_t> ids;
   for (size_t i = 0; i < request.lights.size(); ++i) {
     const ResolutionLight& light = request.lights[i];
-    const auto failed = [&](const absl::Status& status) {
-      return absl::InvalidArgumentError(absl::StrFormat("lights[%d].%s", i, status.message()));
-    };
+    if (!ids.insert(light.id).second) {
+      return absl::InvalidArgumentError(absl::StrFormat("lights[%d].id: %d is not unique", i, light.id));
+    }
     absl::StatusOr<RaySpace> ray_space = RaySpace::Create(light.light);
-    if (!ray_space.ok()) return failed(ray_space.status());
+    if (!ray_space.ok()) {
+      constexpr const char* kKinds[] = {"point", "spot", "directional"};  // In the order of the variant.
+      return absl::InvalidArgumentError(
+          absl::StrFormat("lights[%d].%s.%s", i, kKinds[light.light.index()], ray_space.status().message()));
+    }
     const absl::StatusOr<std::vector<LightMap>> light_maps =
         resolution::MapsOfLight(light.light, *ray_space, *camera, light.clip_from_world);
-    if (!light_maps.ok()) return failed(light_maps.status());
+    if (!light_maps.ok()) {
+      return absl::InvalidArgumentError(absl::StrFormat("lights[%d].%s", i, light_maps.status().message()));
+    }
 
     glm::dmat4x3 ray_from_window;
     glm::dvec4 along;
@@ -691,7 +700,7 @@ ResolutionEstimator& ResolutionEstimator::operator=(ResolutionEstimator&&) noexc
 absl::Status ResolutionEstimator::Estimate(const ResolutionRequest& request, const ResolutionOptions& options,
                                            const Cancellation& cancellation, ResolutionSummary* summary) {
   const auto start = std::chrono::steady_clock::now();
-  if (absl::Status status = CheckOptions(options); !status.ok()) return status;
+  if (absl::Status status = Validate(options); !status.ok()) return status;
   if (absl::Status status = CheckPictures(request); !status.ok()) return status;
   Workspace& work = *workspace_;
   if (absl::Status status = work.Plan(request); !status.ok()) return status;
@@ -754,6 +763,8 @@ absl::Status ResolutionEstimator::Estimate(const ResolutionRequest& request, con
         crop[axis] = (rows[axis] - estimate.crop_min[axis] * rows[2]) * (texels / extent);
       }
       estimate.projection = {glm::transpose(crop), estimate.recommended};
+      estimate.clip_from_world = ClipFromWorld(work.ray_spaces[i], estimate.projection, estimate.depth_range,
+                                               request.output_clip_depth);
       light.recommended.width = std::max(light.recommended.width, estimate.recommended.width);
       light.recommended.height = std::max(light.recommended.height, estimate.recommended.height);
       light.maps.push_back(std::move(estimate));

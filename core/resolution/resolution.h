@@ -43,12 +43,16 @@ struct ResolutionOptions {
   bool histogram = false;
 };
 
+/// InvalidArgument where an option is out of range; the message begins with the member.
+absl::Status Validate(const ResolutionOptions& options);
+
 struct ResolutionLight {
-  uint32_t id = 0;
+  uint32_t id = 0;  ///< Unique in a request.
   Light light;
-  /// A world-to-clip matrix of this light, to be judged as it is (only its depth row does not matter). None:
-  /// the light's ordinary projection: a spot's square frustum, a directional light's orthographic one, six
-  /// faces of a cube around a point light, all with their axes turned towards the camera's.
+  /// A world-to-clip matrix of this light (errors call it previous_world_to_shadow_clip), to be judged as it
+  /// is (only its depth row does not matter). None: the light's ordinary projection: a spot's square frustum,
+  /// a directional light's orthographic one, six faces of a cube around a point light, all with their axes
+  /// turned towards the camera's.
   std::optional<glm::dmat4> clip_from_world;
 };
 
@@ -58,6 +62,7 @@ struct ResolutionRequest {
                     ///< exact answer.
   MapSize screen;   ///< Of the final picture. Zero: that of the depth buffer.
   std::vector<ResolutionLight> lights;
+  ClipDepth output_clip_depth = ClipDepth::kNegativeOneToOne;  ///< Of MapEstimate::clip_from_world.
 };
 
 /// Pixels whose patch needs at most `texels` along one axis of the map, and more than the bin before.
@@ -84,6 +89,7 @@ struct MapEstimate {
   /// The cropped map of the recommended size, and the depths that its visible receivers span.
   ShadowProjection projection;
   DepthRange depth_range;
+  glm::dmat4 clip_from_world{1.0};  ///< The same as a matrix, in the request's output convention.
   /// Needed texels along x and y, by increasing need; empty unless asked for.
   std::vector<ResolutionBin> histogram_x;
   std::vector<ResolutionBin> histogram_y;
@@ -118,8 +124,8 @@ class ResolutionEstimator {
   ResolutionEstimator& operator=(ResolutionEstimator&&) noexcept;
 
   /// InvalidArgument where the request or an option is malformed; the message begins with the field, as
-  /// "lights[2].direction: zero-length vector". Cancelled or DeadlineExceeded where `cancellation` asks for
-  /// it.
+  /// "lights[2].spot.direction: zero-length vector". Cancelled or DeadlineExceeded where `cancellation` asks
+  /// for it.
   absl::Status Estimate(const ResolutionRequest& request, const ResolutionOptions& options,
                         const Cancellation& cancellation, ResolutionSummary* summary);
 

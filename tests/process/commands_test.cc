@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <stdlib.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -11,6 +12,7 @@
 
 #include "core/fit/frame_optimizer.h"
 #include "shadowfit/v1/info.pb.h"
+#include "shadowfit/v1/resolution.pb.h"
 #include "tests/process/server_process.h"
 #include "tests/support/wire_frame.h"
 // Behind Protobuf, whose headers need byte-swap macros that OpenImageIO takes away.
@@ -130,6 +132,54 @@ TEST_F(Commands, OptimizeFailsWithTheReason) {
   EXPECT_EQ(ran.code, 1);
   EXPECT_EQ(ran.out, "");
   EXPECT_NE(ran.error.find("camera: missing"), std::string::npos) << ran.error;
+}
+
+TEST_F(Commands, ResolutionOfACameraInTheLightsPlaceIsTheCamerasOwn) {
+  WriteFrameFiles();
+  // One light where the camera is, as wide as its picture.
+  v1::Frame frame;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(Read("frame.json"), &frame).ok());
+  const glm::dmat4 world_from_view = glm::inverse(owned_.request.camera.view_from_world);
+  const double tangent = 1.0 / owned_.request.camera.clip_from_view[0][0];
+  frame.clear_lights();
+  v1::Light& light = *frame.add_lights();
+  light.set_id(5);
+  testing::SetVector(glm::dvec3(world_from_view[3]), light.mutable_spot()->mutable_position());
+  testing::SetVector(-glm::dvec3(world_from_view[2]), light.mutable_spot()->mutable_direction());
+  light.mutable_spot()->set_outer_half_angle(std::atan(tangent));
+  std::string text;
+  ASSERT_TRUE(google::protobuf::util::MessageToJsonString(frame, &text).ok());
+  Write("frame.json", text);
+  // A wall before all of the picture.
+  const std::vector<float> wall(static_cast<size_t>(64) * 48, 0.5F);
+  WriteExr(Path("depth.exr"), OIIO::TypeDesc::FLOAT, BottomFirst(wall.data(), 64, 48));
+
+  const auto run = [this](std::vector<std::string> more) {
+    std::vector<std::string> arguments = {SHADOWFIT_PROGRAM, "resolution",      "--frame", Path("frame.json"),
+                                          "--depth",         Path("depth.exr"), "--json"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const Ran ran(arguments);
+    EXPECT_EQ(ran.code, 0) << ran.error;
+    v1::ResolutionResult result;
+    EXPECT_TRUE(google::protobuf::util::JsonStringToMessage(ran.out, &result).ok()) << ran.out;
+    EXPECT_EQ(result.lights_size(), 1);
+    return result.lights(0);
+  };
+  EXPECT_EQ(run({}).id(), 5U);
+  EXPECT_EQ(run({}).recommended().width(), 64U);
+  EXPECT_EQ(run({}).recommended().height(), 48U);
+  EXPECT_EQ(run({"--max-size", "50"}).recommended().width(), 50U);
+  EXPECT_EQ(run({"--max-size", "50"}).recommended().height(), 48U);
+  EXPECT_EQ(run({"--rounding", "power_of_two"}).recommended().height(), 64U);
+  EXPECT_GT(run({"--histogram"}).maps(0).histogram_x_size(), 0);
+
+  const Ran table(
+      {SHADOWFIT_PROGRAM, "resolution", "--frame", Path("frame.json"), "--depth", Path("depth.exr")});
+  EXPECT_EQ(table.code, 0) << table.error;
+  EXPECT_NE(table.out.find("64x48"), std::string::npos) << table.out;
+  const Ran zero({SHADOWFIT_PROGRAM, "resolution", "--frame", Path("frame.json"), "--depth",
+                  Path("depth.exr"), "--max-size", "0"});
+  EXPECT_NE(zero.code, 0);
 }
 
 TEST_F(Commands, InfoTellsOfAServer) {

@@ -452,6 +452,8 @@ TEST(ResolutionTest, CroppedProjectionMapsTheCropToTheMap) {
             continue;
           }
           ++inside;
+          const glm::dvec4 clip = map.clip_from_world * glm::dvec4(point, 1.0);
+          EXPECT_NEAR((clip.x / clip.w + 1.0) / 2.0 * map.recommended.width, texel.x, 1e-6 * (1.0 + texel.x));
           const double along = ray_space.AlongRay(point) / texel.z;
           const auto [low, high] = std::minmax(map.depth_range.near_q_over_w, map.depth_range.far_q_over_w);
           EXPECT_GE(along, low);
@@ -560,7 +562,10 @@ TEST(ResolutionTest, AnyDepthGivesAFiniteAnswer) {
       z = kinds[random.Int(0, 8)];
     }
     ResolutionRequest request{.camera = frame.camera, .depth = frame.depth, .screen = {}, .lights = {}};
-    for (int kind = 0; kind < 7; ++kind) request.lights.push_back(RandomLight(random, frame, kind));
+    for (int kind = 0; kind < 7; ++kind) {
+      request.lights.push_back(RandomLight(random, frame, kind));
+      request.lights.back().id = static_cast<uint32_t>(kind);
+    }
     // A light in the eye, and one whose ray runs along the view.
     request.lights.push_back({.id = 7, .light = PointLight{frame.eye}, .clip_from_world = {}});
     request.lights.push_back({.id = 8, .light = DirectionalLight{frame.forward}, .clip_from_world = {}});
@@ -601,7 +606,10 @@ TEST(ResolutionTest, TheAnswerDoesNotDependOnTheNumberOfLightsInTheFrame) {
   Random random(23);
   const Frame frame = RandomFrame(random);
   ResolutionRequest all{.camera = frame.camera, .depth = frame.depth, .screen = {}, .lights = {}};
-  for (int k = 0; k < 28; ++k) all.lights.push_back(RandomLight(random, frame, k % 7));
+  for (int k = 0; k < 28; ++k) {
+    all.lights.push_back(RandomLight(random, frame, k % 7));
+    all.lights.back().id = static_cast<uint32_t>(k);
+  }
   const ResolutionSummary together = Estimate(all);
   for (size_t k = 0; k < all.lights.size(); ++k) {
     ResolutionRequest one = all;
@@ -649,10 +657,15 @@ TEST(ResolutionTest, BadInputIsNamed) {
   EXPECT_THAT(message(bad, {}), StartsWith("camera.view.m[6]: nan"));
   bad = good;
   bad.lights.push_back({.id = 1, .light = DirectionalLight{glm::dvec3(0.0)}, .clip_from_world = {}});
-  EXPECT_THAT(message(bad, {}), StartsWith("lights[1].direction: zero-length"));
+  EXPECT_THAT(message(bad, {}), StartsWith("lights[1].directional.direction: zero-length"));
+  bad = good;
+  bad.lights.push_back(bad.lights[0]);
+  EXPECT_THAT(message(bad, {}), StartsWith("lights[1].id: 0 is not unique"));
+  bad.lights.clear();
+  EXPECT_THAT(message(bad, {}), StartsWith("lights: empty"));
   bad = good;
   bad.lights[0].clip_from_world = Perspective(1.0, 1.0, 0.1, 10.0, ClipDepth::kZeroToOne);
-  EXPECT_THAT(message(bad, {}), StartsWith("lights[0].clip_from_world"));
+  EXPECT_THAT(message(bad, {}), StartsWith("lights[0].previous_world_to_shadow_clip"));
 }
 
 TEST(ResolutionTest, StopsWhenAsked) {
