@@ -364,6 +364,8 @@ absl::StatusOr<TruthScene> TruthScene::Create(const Scene& scene) {
 size_t TruthScene::TriangleCount() const { return impl_->triangles.size(); }
 const Bounds& TruthScene::ws_bounds() const { return impl_->ws_bounds; }
 
+glm::dvec3 TruthScene::WindingNormal(uint32_t primitive) const { return impl_->Normal(primitive); }
+
 std::optional<TruthScene::Hit> TruthScene::FirstHit(const glm::dvec3& ws_origin,
                                                     const glm::dvec3& ws_direction) const {
   double t0 = 0.0;

@@ -49,6 +49,9 @@ class TruthScene {
   size_t TriangleCount() const;
   const Bounds& ws_bounds() const;
 
+  /// Unit normal of the side on which a triangle's corners run counter-clockwise; zero where it has no area.
+  glm::dvec3 WindingNormal(uint32_t primitive) const;
+
   struct Hit {
     double distance = 0.0;  ///< In lengths of the direction.
     glm::dvec3 ws_point{0.0};

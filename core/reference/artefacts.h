@@ -1,0 +1,79 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/bias/depth_test.h"
+#include "core/math/ray_space.h"
+#include "core/math/shadow_projection.h"
+#include "core/reference/truth_scene.h"
+#include "core/reference/visible_surface.h"
+
+/// The standard shadow map as renderers make it, with its depth errors, and counts of what they do to the
+/// picture.
+namespace shadowfit {
+
+/// Which triangles are drawn into the map. The front is where a triangle's corners run counter-clockwise.
+enum class CasterFaces {
+  kBoth,
+  kFront,  ///< Those whose front faces the light.
+  kBack,   ///< Those whose back faces the light: needs closed objects, and leaks at thin ones.
+};
+
+/// How the comparison keeps a surface from shadowing itself.
+enum class BiasKind {
+  kConstant,
+  kSlopeScaled,    ///< Constant plus slope times max(|dz/du|, |dz/dv|) of the receiver.
+  kReceiverPlane,  ///< The receiver's tangent plane is compared at the texel's centre; plus constant.
+};
+
+struct StandardTest {
+  DepthFormat format = DepthFormat::kFloat32;
+  BiasKind bias = BiasKind::kSlopeScaled;
+  double constant = 0.0;  ///< In window depth, see SafeBias.
+  double slope = 0.0;
+  int pcf_radius =
+      0;  ///< (2 r + 1)^2 texels are compared and the majority decides. Taps beyond the map are lit.
+};
+
+/// The casters that a map's texels hold, before depth is rounded to a format.
+struct StandardMap {
+  ShadowProjection projection;
+  DepthRange range;
+  std::vector<double> depth;        ///< Window depth, not clamped; 1 where there is nothing.
+  std::vector<uint32_t> primitive;  ///< kNoPrimitive where there is nothing.
+};
+
+/// Errors as of TruthScene::RenderCasters. With one kind of face alone, every surface that the camera could
+/// see counts as a caster.
+absl::StatusOr<StandardMap> RenderStandardMap(const TruthScene& scene, const RaySpace& ray_space,
+                                              const ShadowProjection& projection, const DepthRange& range,
+                                              CasterFaces casters = CasterFaces::kBoth);
+
+/// What a renderer would show. `truth` says which pixels the light concerns; those off the map are lit.
+ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& test,
+                                 const VisibleSurface& surface, const ShadowMask& truth,
+                                 const RaySpace& ray_space);
+
+/// What it would show if depth had no errors: each texel's caster against the receiver's tangent plane at the
+/// texel's centre, a triangle never shadowing itself. The same as ShadowFromMaps for pcf_radius 0.
+ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, const VisibleSurface& surface,
+                                    const ShadowMask& truth, const RaySpace& ray_space);
+
+/// Wrong pixels, by cause.
+struct ArtefactCounts {
+  int acne = 0;           ///< In shadow by depth errors alone: false self-shadowing.
+  int peter_panning = 0;  ///< Lit by bias or by the choice of faces alone: detached shadows, leaks.
+  int jagged = 0;         ///< Wrong even without depth errors: texels are too coarse.
+  int wrong() const { return acne + peter_panning + jagged; }
+};
+
+/// `ideal` is ShadowWithoutDepthErrors of a map with both faces and the same kernel.
+ArtefactCounts CountArtefacts(const ShadowMask& truth, const ShadowMask& ideal, const ShadowMask& shown);
+
+/// Points of one surface whose answer changes between two frames although the truth does not.
+int CountFlicker(const ShadowMask& truth_before, const ShadowMask& before, const ShadowMask& truth_after,
+                 const ShadowMask& after);
+
+}  // namespace shadowfit
