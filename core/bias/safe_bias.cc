@@ -48,35 +48,31 @@ absl::Status Check(size_t points, size_t normals, const ShadowProjection& projec
 }
 
 /// The line constant + slope * steepness that lies on or above all demands, has neither term negative, and is
-/// lowest at `steepness`: an edge of the demands' upper hull.
-std::pair<double, double> LowestLineAbove(std::vector<Demand> demands, double steepness) {
-  // Where only rounding counts, nothing is asked: this point keeps the constant from falling below zero.
-  demands.push_back({0.0, 0.0});
-  std::sort(demands.begin(), demands.end(), [](const Demand& a, const Demand& b) {
-    return a.steepness != b.steepness ? a.steepness < b.steepness : a.need < b.need;
-  });
-  std::vector<Demand> hull;
-  for (const Demand& next : demands) {
-    while (hull.size() >= 2) {
-      const Demand& a = hull[hull.size() - 2];
-      const Demand& b = hull.back();
-      const double turn = (b.steepness - a.steepness) * (next.need - a.need) -
-                          (b.need - a.need) * (next.steepness - a.steepness);
-      if (turn < 0.0) break;
-      hull.pop_back();
+/// lowest at `steepness`. For a given slope the constant is max(need - slope * steepness of each demand), so
+/// the line's height there is a convex, piecewise linear function of the slope; its least value is found by
+/// cutting planes: where the pieces known on either side of it meet, the true piece replaces one of them.
+/// Each step takes one look at all demands and a handful suffice.
+std::pair<double, double> LowestLineAbove(const std::vector<Demand>& demands, double steepness) {
+  // The demand that decides at a slope; without any, that the constant is not negative.
+  const auto deciding = [&](double slope) {
+    Demand most{0.0, 0.0};
+    for (const Demand& demand : demands) {
+      if (demand.need - slope * demand.steepness > most.need - slope * most.steepness) most = demand;
     }
-    if (hull.size() == 1 && hull[0].steepness == next.steepness) hull.pop_back();
-    hull.push_back(next);
+    return most;
+  };
+  Demand falling = deciding(0.0);
+  if (falling.steepness <= steepness) return {falling.need, 0.0};
+  Demand rising{0.0, 0.0};
+  for (;;) {
+    const double slope = (falling.need - rising.need) / (falling.steepness - rising.steepness);
+    const Demand next = deciding(slope);
+    const double constant = std::max(0.0, next.need - slope * next.steepness);
+    // Each piece comes up once; rounding alone could bring one back.
+    const double known = rising.need - slope * rising.steepness;
+    if (!(constant > known + 1e-12 * std::abs(next.need))) return {constant, slope};
+    (next.steepness > steepness ? falling : rising) = next;
   }
-  // Needs grow with steepness at no less than half the rate at which they can grow at all, so that the hull
-  // rises throughout; the last edge serves for anything steeper.
-  if (hull.size() < 2) return {hull.empty() ? 0.0 : hull[0].need, 0.0};
-  size_t edge = 1;
-  while (edge + 1 < hull.size() && hull[edge].steepness < steepness) ++edge;
-  const Demand& a = hull[edge - 1];
-  const Demand& b = hull[edge];
-  const double slope = std::max(0.0, (b.need - a.need) / (b.steepness - a.steepness));
-  return {std::max(0.0, a.need - slope * a.steepness), slope};
 }
 
 }  // namespace
@@ -119,7 +115,7 @@ absl::StatusOr<SafeBias> FindSafeBias(const Camera& camera, std::span<const glm:
   }
   bias.samples = static_cast<int>(samples.size());
   const auto [constant, slope] =
-      LowestLineAbove(std::move(demands), weight_sum > 0.0 ? weighted_steepness / weight_sum : 0.0);
+      LowestLineAbove(demands, weight_sum > 0.0 ? weighted_steepness / weight_sum : 0.0);
   bias.constant = constant + rounding;
   bias.slope = slope * (1.0 + 1e-9);  // So that the demands on the line itself are met after rounding.
   bias.constant_alone += rounding;

@@ -3,6 +3,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <optional>
@@ -45,15 +46,23 @@ class DepthSurface {
 
 }  // namespace
 
-SurfaceSamples SamplesFromDepth(const Camera& camera, const DepthView& depth) {
+SurfaceSamples SamplesFromDepth(const Camera& camera, const DepthView& depth, size_t max_samples) {
   const DepthSurface surface(camera, depth);
-  const size_t pixels = static_cast<size_t>(depth.width) * static_cast<size_t>(depth.height);
+  int step = 1;
+  const auto count = [&step](int size) { return static_cast<size_t>((size + step - 1) / step); };
+  while (count(depth.width) * count(depth.height) > max_samples && step < std::max(depth.width, depth.height))
+    ++step;
+  const int columns = static_cast<int>(count(depth.width));
+  const int rows = static_cast<int>(count(depth.height));
+  const size_t pixels = static_cast<size_t>(columns) * static_cast<size_t>(rows);
   SurfaceSamples all;
   all.ws_point.resize(pixels);
   all.ws_normal.assign(pixels, glm::dvec3(0.0));
-  tbb::parallel_for(tbb::blocked_range<int>(0, depth.height, 16), [&](const tbb::blocked_range<int>& rows) {
-    for (int y = rows.begin(); y < rows.end(); ++y) {
-      for (int x = 0; x < depth.width; ++x) {
+  tbb::parallel_for(tbb::blocked_range<int>(0, rows, 16), [&](const tbb::blocked_range<int>& range) {
+    for (int row = range.begin(); row < range.end(); ++row) {
+      for (int column = 0; column < columns; ++column) {
+        const int x = column * step;
+        const int y = row * step;
         if (!surface.IsSample(x, y)) continue;
         const glm::dvec3 point = surface.Point(x, y);
         const auto along_x = surface.Tangent(x, y, 1, 0, point);
@@ -63,7 +72,8 @@ SurfaceSamples SamplesFromDepth(const Camera& camera, const DepthView& depth) {
         const double length = glm::length(normal);
         if (!(length > 0.0) || !std::isfinite(length)) continue;
         const bool towards_viewer = glm::dot(normal, camera.TowardsViewer(point)) > 0.0;
-        const size_t i = static_cast<size_t>(y) * static_cast<size_t>(depth.width) + static_cast<size_t>(x);
+        const size_t i =
+            static_cast<size_t>(row) * static_cast<size_t>(columns) + static_cast<size_t>(column);
         all.ws_point[i] = point;
         all.ws_normal[i] = (towards_viewer ? normal : -normal) / length;
       }

@@ -226,6 +226,11 @@ TEST(SafeBiasTest, DepthBufferGivesTheSamePlanesAsTheRays) {
   const View view = MakeView(scene);
   const SurfaceSamples samples = SamplesFromDepth(view.camera, view.surface.Depth());
   ASSERT_GT(samples.ws_point.size(), 10000U);
+  for (const size_t limit : {size_t{1}, size_t{100}, size_t{5000}}) {
+    const size_t count = SamplesFromDepth(view.camera, view.surface.Depth(), limit).ws_point.size();
+    EXPECT_LE(count, limit);
+    EXPECT_GE(count, limit / 8);
+  }
   for (const Light& light : Lights()) {
     const LitView lit = LightView(scene, view, light, 300);
     const BiasOptions options{DepthFormat::kUnorm16, 0, {300, 300}};
