@@ -95,6 +95,31 @@ absl::Status DecodeMethod(v1::Method value, Method* out) {
   }
 }
 
+absl::Status DecodeBias(const v1::SafeBiasOptions& from, BiasOptions* to) {
+  *to = {};
+  switch (from.format()) {
+    case v1::SHADOW_MAP_FORMAT_UNSPECIFIED:
+    case v1::SHADOW_MAP_FORMAT_UNORM24:
+      to->format = DepthFormat::kUnorm24;
+      break;
+    case v1::SHADOW_MAP_FORMAT_UNORM16:
+      to->format = DepthFormat::kUnorm16;
+      break;
+    case v1::SHADOW_MAP_FORMAT_FLOAT32:
+      to->format = DepthFormat::kFloat32;
+      break;
+    default:
+      return UnknownEnum("options.safe_bias.format", from.format());
+  }
+  if (from.pcf_radius() > static_cast<uint32_t>(kMaxPcfRadius)) {
+    return FieldError("options.safe_bias.pcf_radius",
+                      absl::StrFormat("%d is outside 0 to %d", from.pcf_radius(), kMaxPcfRadius));
+  }
+  to->pcf_radius = static_cast<int>(from.pcf_radius());
+  if (from.max_samples() != 0) to->max_samples = from.max_samples();
+  return absl::OkStatus();
+}
+
 /// Size and byte count of a picture, before anything is allocated for it.
 template <typename Buffer>
 absl::Status CheckPicture(const Buffer& buffer, uint64_t sample_bytes, const std::string& path) {
@@ -268,6 +293,10 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
   status = DecodeMethod(frame.options().method(), &options->method);
   status.Update(DecodeClipDepth(frame.options().output_clip_depth(), "options.output_clip_depth",
                                 &request->output_clip_depth));
+  request->safe_bias.reset();
+  if (frame.options().has_safe_bias()) {
+    status.Update(DecodeBias(frame.options().safe_bias(), &request->safe_bias.emplace()));
+  }
   return status;
 }
 

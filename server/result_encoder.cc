@@ -27,6 +27,19 @@ v1::SampleSource EncodeSource(SampleSource source) {
   return v1::SAMPLE_SOURCE_UNSPECIFIED;
 }
 
+void EncodeBias(const SafeBias& from, v1::SafeBias* to) {
+  to->set_constant(from.constant);
+  to->set_slope(from.slope);
+  to->set_constant_alone(from.constant_alone);
+  to->set_receiver_plane_constant(from.receiver_plane_constant);
+  to->set_mean_detachment(from.ws_mean_detachment);
+  to->set_worst_detachment(from.ws_worst_detachment);
+  to->set_mean_detachment_of_constant(from.ws_mean_detachment_of_constant);
+  to->set_mean_detachment_pixels(from.mean_detachment_pixels);
+  to->set_worst_detachment_pixels(from.worst_detachment_pixels);
+  to->set_samples(static_cast<uint32_t>(from.samples));
+}
+
 }  // namespace
 
 void EncodeResult(uint64_t frame_id, const FrameRequest& request, const FrameSummary& summary,
@@ -50,11 +63,13 @@ void EncodeResult(uint64_t frame_id, const FrameRequest& request, const FrameSum
     to.set_hull_samples(static_cast<uint32_t>(from.hull_samples));
     to.set_evaluations(static_cast<uint32_t>(from.evaluations));
     to.set_optimize_seconds(from.seconds);
+    if (from.safe_bias) EncodeBias(*from.safe_bias, to.mutable_safe_bias());
   }
   v1::FrameTimings& timings = *result->mutable_timings();
   timings.set_queue_seconds(queue_seconds);
   timings.set_sampling_seconds(summary.sampling_seconds);
   timings.set_total_seconds(summary.total_seconds);
+  timings.set_bias_seconds(summary.bias_seconds);
 }
 
 }  // namespace shadowfit

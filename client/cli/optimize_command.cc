@@ -1,5 +1,6 @@
 #include <chrono>
 #include <cstdio>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -20,6 +21,8 @@ struct OptimizeArguments {
   std::string bits;
   std::string method;
   std::string out;
+  v1::ShadowMapFormat bias_format = v1::SHADOW_MAP_FORMAT_UNSPECIFIED;
+  uint32_t pcf_radius = 0;
   std::string server;
   double timeout_seconds = 30.0;
 };
@@ -44,10 +47,21 @@ void PrintTable(const v1::FrameResult& result) {
                  light.boundary_samples(), light.hull_samples(), light.predicted_misclassified_pixels(),
                  light.optimize_seconds() * 1e3, light.note());
   }
+  absl::PrintF("\nSafe bias, in window depth; detachment in world units and pixels\n");
+  absl::PrintF("%10s  %12s  %9s  %14s  %14s  %10s  %10s  %11s\n", "light", "constant", "slope",
+               "constant alone", "receiver plane", "mean", "worst", "mean pixels");
+  for (const v1::LightResult& light : result.lights()) {
+    if (!light.has_safe_bias()) continue;
+    const v1::SafeBias& bias = light.safe_bias();
+    absl::PrintF("%10d  %12.4e  %9.5f  %14.4e  %14.4e  %10.4g  %10.4g  %11.3f\n", light.id(), bias.constant(),
+                 bias.slope(), bias.constant_alone(), bias.receiver_plane_constant(), bias.mean_detachment(),
+                 bias.worst_detachment(), bias.mean_detachment_pixels());
+  }
   const v1::FrameTimings& timings = result.timings();
-  absl::PrintF("\n%d light%s in %.3f ms, of which %.3f ms for sampling; %.3f ms in the queue\n",
-               result.lights_size(), result.lights_size() == 1 ? "" : "s", timings.total_seconds() * 1e3,
-               timings.sampling_seconds() * 1e3, timings.queue_seconds() * 1e3);
+  absl::PrintF(
+      "\n%d light%s in %.3f ms, of which %.3f ms for sampling and %.3f ms for biases; %.3f ms in the queue\n",
+      result.lights_size(), result.lights_size() == 1 ? "" : "s", timings.total_seconds() * 1e3,
+      timings.sampling_seconds() * 1e3, timings.bias_seconds() * 1e3, timings.queue_seconds() * 1e3);
 }
 
 void RunOptimize(const OptimizeArguments& arguments, bool json) {
@@ -55,6 +69,9 @@ void RunOptimize(const OptimizeArguments& arguments, bool json) {
   if (!arguments.method.empty()) {
     frame.mutable_options()->set_method(ValueOrThrow(WireMethodFromName(arguments.method)));
   }
+  v1::SafeBiasOptions& bias = *frame.mutable_options()->mutable_safe_bias();
+  if (arguments.bias_format != v1::SHADOW_MAP_FORMAT_UNSPECIFIED) bias.set_format(arguments.bias_format);
+  if (arguments.pcf_radius != 0) bias.set_pcf_radius(arguments.pcf_radius);
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   CallOptions call;
   call.timeout = std::chrono::milliseconds(static_cast<int64_t>(arguments.timeout_seconds * 1e3));
@@ -85,6 +102,19 @@ void AddOptimizeCommand(CLI::App& app) {
       ->add_option("--method", arguments->method, "How to make the matrices; overrides the frame's options")
       ->check(CLI::IsMember(MethodNames()))
       ->type_name("M");
+  const std::map<std::string, v1::ShadowMapFormat> formats = {{"unorm16", v1::SHADOW_MAP_FORMAT_UNORM16},
+                                                              {"unorm24", v1::SHADOW_MAP_FORMAT_UNORM24},
+                                                              {"float32", v1::SHADOW_MAP_FORMAT_FLOAT32}};
+  command
+      ->add_option("--depth-format", arguments->bias_format,
+                   "Of the shadow maps, for the safe bias: unorm16, unorm24 (default), float32")
+      ->transform(CLI::CheckedTransformer(formats))
+      ->type_name("FORMAT");
+  command
+      ->add_option("--pcf-radius", arguments->pcf_radius,
+                   "Filter radius in texels, for the safe bias: (2 r + 1)^2 texels are read")
+      ->check(CLI::Range(0U, 16U))
+      ->type_name("R");
   command->add_option("--out", arguments->out, "Write shadowfit.v1.FrameResult as Protobuf JSON")
       ->type_name("RESULT.json");
   command->add_option("--timeout", arguments->timeout_seconds, "Give up after so many seconds")

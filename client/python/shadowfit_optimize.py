@@ -51,6 +51,8 @@ def main():
     parser.add_argument("--depth", required=True, help="EXR, one float channel: window depth")
     parser.add_argument("--bits", help="EXR, one uint32 channel: bit i belongs to light i")
     parser.add_argument("--method", help="normal, focused, ..., paper, default")
+    parser.add_argument("--depth-format", choices=["unorm16", "unorm24", "float32"], default="unorm24",
+                        help="of the shadow maps, for the safe bias")
     parser.add_argument("--out", help="write shadowfit.v1.FrameResult as Protobuf JSON")
     parser.add_argument("--server", required=True, help="HOST:PORT or unix:PATH")
     parser.add_argument("--timeout", type=float, default=30.0, help="give up after so many seconds")
@@ -66,6 +68,9 @@ def main():
     if arguments.method:
         request.frame.options.method = frame_pb2.Method.Value("METHOD_" + arguments.method.upper())
 
+    safe_bias = request.frame.options.safe_bias
+    safe_bias.format = frame_pb2.ShadowMapFormat.Value("SHADOW_MAP_FORMAT_" + arguments.depth_format.upper())
+
     unlimited = [("grpc.max_send_message_length", -1), ("grpc.max_receive_message_length", -1)]
     with grpc.insecure_channel(arguments.server, options=unlimited) as channel:
         stub = optimizer_pb2_grpc.OptimizerServiceStub(channel)
@@ -80,12 +85,13 @@ def main():
     if arguments.json:
         print(json.dumps(document, indent=1))
     else:
-        print(f"{'light':>10}  {'map':>11}  {'wrong pixels':>12}  {'ms':>8}  outcome")
+        print(f"{'light':>10}  {'map':>11}  {'wrong pixels':>12}  {'ms':>8}  {'bias':>10}  {'slope':>8}  outcome")
         for light in result.lights:
             size = f"{light.shadow_map.width}x{light.shadow_map.height}"
             outcome = frame_pb2.FitOutcome.Name(light.outcome).removeprefix("FIT_OUTCOME_").lower().replace("_", " ")
             print(f"{light.id:>10}  {size:>11}  {light.predicted_misclassified_pixels:>12.1f}  "
-                  f"{light.optimize_seconds * 1e3:>8.3f}  {outcome}")
+                  f"{light.optimize_seconds * 1e3:>8.3f}  {light.safe_bias.constant:>10.3e}  "
+                  f"{light.safe_bias.slope:>8.5f}  {outcome}")
 
 
 if __name__ == "__main__":

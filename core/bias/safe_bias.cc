@@ -9,8 +9,6 @@
 namespace shadowfit {
 namespace {
 
-constexpr int kMaxPcfRadius = 16;
-
 /// One sample's demand: constant + slope * steepness >= need.
 struct Demand {
   double steepness;  ///< max(|dz/du|, |dz/dv|).

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <glm/glm.hpp>
 #include <span>
 
@@ -12,12 +13,16 @@
 /// nearer there, and without a bias shadows itself. Too much bias detaches shadows from what casts them.
 namespace shadowfit {
 
+inline constexpr int kMaxPcfRadius = 16;
+
 struct BiasOptions {
   DepthFormat format = DepthFormat::kFloat32;
-  /// Percentage-closer filtering reads (2 r + 1)^2 texels around the nearest. 0 to 16.
+  /// Percentage-closer filtering reads (2 r + 1)^2 texels around the nearest. 0 to kMaxPcfRadius.
   int pcf_radius = 0;
   /// The picture in which detachment counts pixels.
   MapSize screen{1920, 1080};
+  /// For callers that have a depth buffer: how many of its pixels to take at most, see SamplesFromDepth().
+  size_t max_samples = 65536;
 };
 
 /// In units of window depth; a receiver is in shadow where

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/bias/surface_samples.h"
 #include "core/fit/method_factory.h"
 #include "core/fit/metric.h"
 #include "core/frame/frame_sampler.h"
@@ -162,6 +163,29 @@ DepthRange FitDepthRange(const RaySpace& ray_space, const ShadowProjection& proj
   return range;
 }
 
+/// Safe biases of the fitted matrices, where the request asks for them.
+absl::Status FindBiases(const Camera& camera, const FrameRequest& request, MapSize screen,
+                        std::span<const RaySpace> ray_spaces, const Cancellation& cancellation,
+                        FrameSummary* summary) {
+  summary->bias_seconds = 0.0;
+  if (!request.safe_bias) return absl::OkStatus();
+  const SteadyClock::time_point start = SteadyClock::now();
+  BiasOptions options = *request.safe_bias;
+  options.screen = screen;
+  const SurfaceSamples surface = SamplesFromDepth(camera, request.depth, options.max_samples);
+  for (size_t i = 0; i < summary->lights.size(); ++i) {
+    if (cancellation.Requested()) return CancelledStatus(cancellation);
+    LightSummary& light = summary->lights[i];
+    const absl::StatusOr<SafeBias> bias =
+        FindSafeBias(camera, surface.ws_point, surface.ws_normal, ray_spaces[i], light.projection,
+                     light.depth_range, options);
+    if (!bias.ok()) return Within("options.safe_bias", bias.status());
+    light.safe_bias = *bias;
+  }
+  summary->bias_seconds = SecondsSince(start);
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 struct FrameOptimizer::Workspace {
@@ -259,6 +283,10 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     }
     result.seconds = SecondsSince(light_start);
     summary->lights.push_back(std::move(result));
+  }
+  if (absl::Status status = FindBiases(*camera, request, screen, work.ray_spaces, cancellation, summary);
+      !status.ok()) {
+    return status;
   }
   summary->total_seconds = SecondsSince(start);
   return absl::OkStatus();

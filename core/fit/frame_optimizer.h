@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "core/bias/safe_bias.h"
 #include "core/cancellation.h"
 #include "core/fit/light_problem.h"
 #include "core/fit/options.h"
@@ -41,6 +42,8 @@ struct FrameRequest {
   MapSize screen;
   std::optional<Bounds> ws_scene_bounds;
   ClipDepth output_clip_depth = ClipDepth::kNegativeOneToOne;
+  /// Asks for LightSummary::safe_bias, which takes time of its own; its `screen` is taken from above.
+  std::optional<BiasOptions> safe_bias;
 };
 
 /// What was done for one light, and how good it is.
@@ -58,12 +61,14 @@ struct LightSummary {
   int boundary_samples = 0;
   int hull_samples = 0;
   int evaluations = 0;
-  double seconds = 0.0;  ///< This light's share: samples, fit and depth row.
+  double seconds = 0.0;               ///< This light's share: samples, fit and depth row.
+  std::optional<SafeBias> safe_bias;  ///< Where the request asks for it.
 };
 
 struct FrameSummary {
   std::vector<LightSummary> lights;  ///< In the order of the request.
   double sampling_seconds = 0.0;     ///< Work shared by all lights.
+  double bias_seconds = 0.0;         ///< Safe biases of all lights.
   double total_seconds = 0.0;
 
   std::string BriefReport() const;  ///< One line.

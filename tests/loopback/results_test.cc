@@ -51,6 +51,48 @@ TEST(Results, AreCoresToTheLastBitOverEveryTransport) {
   }
 }
 
+TEST(Results, SafeBiasesComeOnRequestAlone) {
+  const testing::Loopback loopback;
+  const auto client = loopback.Connect();
+  OwnedFrame owned = RandomFrame(3, 90, 70, 3);
+  v1::Frame frame = WireFrame(1, owned.request);
+  const auto plain = client->Optimize(frame);
+  ASSERT_TRUE(plain.ok()) << plain.status();
+  for (const v1::LightResult& light : plain->lights()) EXPECT_FALSE(light.has_safe_bias());
+  EXPECT_EQ(plain->timings().bias_seconds(), 0.0);
+
+  v1::SafeBiasOptions& wanted = *frame.mutable_options()->mutable_safe_bias();
+  wanted.set_format(v1::SHADOW_MAP_FORMAT_UNORM16);
+  wanted.set_pcf_radius(2);
+  const auto result = client->Optimize(frame);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(MatrixBytes(*result), MatrixBytes(*plain));
+  EXPECT_GT(result->timings().bias_seconds(), 0.0);
+  owned.request.safe_bias = BiasOptions{.format = DepthFormat::kUnorm16, .pcf_radius = 2};
+  FrameSummary summary;
+  ASSERT_TRUE(FrameOptimizer().Optimize(owned.request, {}, Cancellation(), &summary).ok());
+  for (int i = 0; i < 3; ++i) {
+    const v1::SafeBias& got = result->lights(i).safe_bias();
+    const SafeBias& expected = summary.lights[static_cast<size_t>(i)].safe_bias.value();
+    EXPECT_EQ(got.constant(), expected.constant);
+    EXPECT_EQ(got.slope(), expected.slope);
+    EXPECT_EQ(got.constant_alone(), expected.constant_alone);
+    EXPECT_EQ(got.receiver_plane_constant(), expected.receiver_plane_constant);
+    EXPECT_EQ(got.mean_detachment(), expected.ws_mean_detachment);
+    EXPECT_EQ(got.worst_detachment(), expected.ws_worst_detachment);
+    EXPECT_EQ(got.mean_detachment_of_constant(), expected.ws_mean_detachment_of_constant);
+    EXPECT_EQ(got.mean_detachment_pixels(), expected.mean_detachment_pixels);
+    EXPECT_EQ(got.worst_detachment_pixels(), expected.worst_detachment_pixels);
+    EXPECT_EQ(got.samples(), static_cast<uint32_t>(expected.samples));
+    EXPECT_GE(got.constant(), 0.5 / 65535);
+  }
+  EXPECT_GT(result->lights(0).safe_bias().samples(), 100U);
+
+  wanted.set_pcf_radius(17);
+  EXPECT_EQ(std::string(client->Optimize(frame).status().message()),
+            client->name() + ": options.safe_bias.pcf_radius: 17 is outside 0 to 16");
+}
+
 // A stream's memory must do what a caller without a stream does by sending the matrices along.
 TEST(Results, AStreamRemembersWhatAUnaryCallIsTold) {
   const testing::Loopback loopback;

@@ -88,6 +88,8 @@ TEST_F(Commands, OptimizeGivesCoresMatricesEmbeddedAndOverTheWire) {
   ASSERT_EQ(embedded.code, 0) << embedded.error;
   ExpectResult(Read("result.json"));
   EXPECT_NE(embedded.out.find("wrong pixels"), std::string::npos) << embedded.out;
+  EXPECT_NE(embedded.out.find("Safe bias"), std::string::npos) << embedded.out;
+  EXPECT_NE(Read("result.json").find("\"receiverPlaneConstant\""), std::string::npos);
 
   ServerProcess server;
   std::filesystem::remove(Path("result.json"));
