@@ -12,6 +12,7 @@ struct GpuLight {
   glm::vec4 ws_axis{0.0f, 0.0f, 0.0f, -2.0f};
   glm::vec4 power{0.0f};
   glm::vec4 map_size{0.0f};
+  glm::vec4 test{0.0f};
 };
 struct GpuLights {
   GpuLight lights[LightBlock::kMaxLights];
@@ -39,6 +40,10 @@ void LightBlock::Upload(std::span<const LightView> lights) {
     std::visit([&](const auto& light) { Place(light, &gpu); }, view.light);
     gpu.clip_from_world = glm::mat4(view.clip_from_world);
     gpu.power = glm::vec4(view.power, 0.0f);
+    if (view.test) {
+      gpu.test = glm::vec4(1.0f + static_cast<float>(view.test->bias),
+                           static_cast<float>(view.test->pcf_radius), view.test->constant, view.test->slope);
+    }
     gpu.map_size = glm::vec4(view.map_size.width, view.map_size.height, 0.0f, 0.0f);
   }
   glBindBuffer(GL_UNIFORM_BUFFER, buffer_.name());

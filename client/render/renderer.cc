@@ -20,7 +20,7 @@ absl::Status CheckSize(const char* name, MapSize size) {
       absl::StrFormat("%s: %dx%d, 1 to %d a side are accepted", name, size.width, size.height, limit));
 }
 
-absl::Status CheckLight(size_t i, const LightView& view, MapSize size) {
+absl::Status CheckLight(size_t i, const LightView& view, MapSize size, DepthFormat format) {
   if (const absl::StatusOr<RaySpace> space = RaySpace::Create(view.light); !space.ok()) {
     return absl::InvalidArgumentError(absl::StrFormat("lights[%d].%s", i, space.status().message()));
   }
@@ -33,6 +33,20 @@ absl::Status CheckLight(size_t i, const LightView& view, MapSize size) {
     if (!std::isfinite(view.clip_from_world[entry / 4][entry % 4])) {
       return absl::InvalidArgumentError(
           absl::StrFormat("lights[%d].clip_from_world[%d]: not finite", i, entry));
+    }
+  }
+  if (!view.test) return absl::OkStatus();
+  const StandardTest& test = *view.test;
+  if (test.format != format) {
+    return absl::InvalidArgumentError(absl::StrFormat("lights[%d].test.format: not that of the maps", i));
+  }
+  if (test.pcf_radius < 0 || test.pcf_radius > kMaxPcfRadius) {
+    return absl::InvalidArgumentError(absl::StrFormat("lights[%d].test.pcf_radius: %d is outside 0 to %d", i,
+                                                      test.pcf_radius, kMaxPcfRadius));
+  }
+  for (const auto& [value, name] : {std::pair(test.constant, "constant"), std::pair(test.slope, "slope")}) {
+    if (!std::isfinite(value)) {
+      return absl::InvalidArgumentError(absl::StrFormat("lights[%d].test.%s: not finite", i, name));
     }
   }
   return absl::OkStatus();
@@ -93,9 +107,9 @@ Renderer::Renderer(GlContext context, RendererOptions options, GpuScene scene, P
 
 Renderer::~Renderer() { context_.MakeCurrent(); }
 
-absl::StatusOr<ShadowMaps> Renderer::CreateShadowMaps(std::span<const MapSize> sizes) {
+absl::StatusOr<ShadowMaps> Renderer::CreateShadowMaps(std::span<const MapSize> sizes, DepthFormat format) {
   context_.MakeCurrent();
-  return ShadowMaps::Create(sizes);
+  return ShadowMaps::Create(sizes, format);
 }
 
 absl::Status Renderer::DrawShadowMaps(std::span<const LightView> lights, ShadowMaps* maps) {
@@ -104,7 +118,8 @@ absl::Status Renderer::DrawShadowMaps(std::span<const LightView> lights, ShadowM
         absl::StrFormat("lights: %d, but there are %d maps", lights.size(), maps->sizes().size()));
   }
   for (size_t i = 0; i < lights.size(); ++i) {
-    if (absl::Status status = CheckLight(i, lights[i], maps->sizes()[i]); !status.ok()) return status;
+    if (absl::Status status = CheckLight(i, lights[i], maps->sizes()[i], maps->format()); !status.ok())
+      return status;
   }
   context_.MakeCurrent();
   maps->Draw(scene_, programs_.depth, lights);

@@ -34,7 +34,8 @@ class Renderer {
   Renderer& operator=(const Renderer&) = delete;
 
   /// Room for the shadow maps of a set of lights.
-  absl::StatusOr<ShadowMaps> CreateShadowMaps(std::span<const MapSize> sizes);
+  absl::StatusOr<ShadowMaps> CreateShadowMaps(std::span<const MapSize> sizes,
+                                              DepthFormat format = DepthFormat::kFloat32);
 
   /// One depth pass a light. InvalidArgument where a light is malformed, a matrix is not finite, or number or
   /// sizes differ from those that the maps were made for.

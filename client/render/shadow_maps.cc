@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_format.h"
 #include "client/render/gl_context.h"
+#include "core/math/ray_space.h"
 
 namespace shadowfit {
 namespace {
@@ -13,9 +14,40 @@ constexpr int kShadowMapsUnit = 2;
 /// Rounding of depth in the rasteriser: a few dozen steps of a float near 1.
 constexpr float kNdcBias = 4e-6f;
 
+GLint InternalFormat(DepthFormat format) {
+  switch (format) {
+    case DepthFormat::kUnorm16:
+      return GL_DEPTH_COMPONENT16;
+    case DepthFormat::kUnorm24:
+      return GL_DEPTH_COMPONENT24;
+    case DepthFormat::kFloat32:
+      break;
+  }
+  return GL_DEPTH_COMPONENT32F;
+}
+
+/// A matrix that turns counter-clockwise triangles, as the light sees them, clockwise.
+bool Mirrors(const LightView& view) {
+  const absl::StatusOr<RaySpace> ray_space = RaySpace::Create(view.light);
+  ShadowProjection projection;
+  return ray_space.ok() && ProjectionFromClip(*ray_space, view.clip_from_world, view.map_size, &projection) &&
+         glm::determinant(projection.texel_from_ray) > 0.0;  // See KeepWinding().
+}
+
+/// Draws only the faces that cast.
+void CullFaces(const LightView& view) {
+  if (!view.test || view.test->casters == CasterFaces::kBoth) {
+    glDisable(GL_CULL_FACE);
+    return;
+  }
+  glEnable(GL_CULL_FACE);
+  glFrontFace(Mirrors(view) ? GL_CW : GL_CCW);
+  glCullFace(view.test->casters == CasterFaces::kFront ? GL_BACK : GL_FRONT);
+}
+
 }  // namespace
 
-absl::StatusOr<ShadowMaps> ShadowMaps::Create(std::span<const MapSize> sizes) {
+absl::StatusOr<ShadowMaps> ShadowMaps::Create(std::span<const MapSize> sizes, DepthFormat format) {
   if (sizes.empty() || sizes.size() > static_cast<size_t>(LightBlock::kMaxLights)) {
     return absl::InvalidArgumentError(
         absl::StrFormat("lights: %d, 1 to %d are accepted", sizes.size(), LightBlock::kMaxLights));
@@ -33,8 +65,9 @@ absl::StatusOr<ShadowMaps> ShadowMaps::Create(std::span<const MapSize> sizes) {
   }
   ShadowMaps maps;
   maps.sizes_.assign(sizes.begin(), sizes.end());
+  maps.format_ = format;
   BindForFetch(GL_TEXTURE_2D_ARRAY, maps.depth_);
-  glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_DEPTH_COMPONENT32F, layer.width, layer.height,
+  glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, InternalFormat(format), layer.width, layer.height,
                static_cast<GLsizei>(sizes.size()), 0, GL_DEPTH_COMPONENT, GL_FLOAT, nullptr);
   glBindFramebuffer(GL_FRAMEBUFFER, maps.framebuffer_.name());
   glFramebufferTextureLayer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, maps.depth_.name(), 0, 0);
@@ -60,9 +93,11 @@ void ShadowMaps::Draw(const GpuScene& scene, const ShaderProgram& depth_program,
     glFramebufferTextureLayer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, depth_.name(), 0, static_cast<GLint>(i));
     glViewport(0, 0, sizes_[i].width, sizes_[i].height);
     glClear(GL_DEPTH_BUFFER_BIT);
+    CullFaces(lights[i]);
     depth_program.Set("clip_from_world", glm::mat4(lights[i].clip_from_world));
     scene.DrawCasters(depth_program);
   }
+  glDisable(GL_CULL_FACE);
   glDisable(GL_DEPTH_CLAMP);
 }
 

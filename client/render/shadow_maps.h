@@ -16,11 +16,13 @@ namespace shadowfit {
 /// because a map means nothing without them. Renderer makes these; they must die before it.
 class ShadowMaps {
  public:
-  static absl::StatusOr<ShadowMaps> Create(std::span<const MapSize> sizes);
+  static absl::StatusOr<ShadowMaps> Create(std::span<const MapSize> sizes,
+                                           DepthFormat format = DepthFormat::kFloat32);
 
   /// What the maps hold; empty before they are drawn, and then no light shines.
   std::span<const LightView> lights() const { return lights_; }
   std::span<const MapSize> sizes() const { return sizes_; }
+  DepthFormat format() const { return format_; }
 
   /// Window depth of one map, row 0 at the bottom.
   std::vector<float> ReadDepth(int light) const;
@@ -39,6 +41,7 @@ class ShadowMaps {
   GlFramebuffer framebuffer_;
   LightBlock block_;
   std::vector<MapSize> sizes_;
+  DepthFormat format_ = DepthFormat::kFloat32;
   std::vector<LightView> lights_;
 };
 

@@ -5,15 +5,13 @@
 #include <span>
 
 #include "absl/status/statusor.h"
-#include "core/bias/depth_test.h"
+#include "core/bias/standard_test.h"
 #include "core/frame/camera.h"
 
 /// Which bias a standard shadow map needs. A receiver is compared with the depth stored at a texel's centre,
 /// up to half a texel away (and further with percentage-closer filtering); on a slope the surface itself is
 /// nearer there, and without a bias shadows itself. Too much bias detaches shadows from what casts them.
 namespace shadowfit {
-
-inline constexpr int kMaxPcfRadius = 16;
 
 struct BiasOptions {
   DepthFormat format = DepthFormat::kFloat32;

@@ -5,6 +5,7 @@
 
 #include "absl/status/statusor.h"
 #include "core/bias/depth_test.h"
+#include "core/bias/standard_test.h"
 #include "core/math/ray_space.h"
 #include "core/math/shadow_projection.h"
 #include "core/reference/truth_scene.h"
@@ -13,29 +14,6 @@
 /// The standard shadow map as renderers make it, with its depth errors, and counts of what they do to the
 /// picture.
 namespace shadowfit {
-
-/// Which triangles are drawn into the map. The front is where a triangle's corners run counter-clockwise.
-enum class CasterFaces {
-  kBoth,
-  kFront,  ///< Those whose front faces the light.
-  kBack,   ///< Those whose back faces the light: needs closed objects, and leaks at thin ones.
-};
-
-/// How the comparison keeps a surface from shadowing itself.
-enum class BiasKind {
-  kConstant,
-  kSlopeScaled,    ///< Constant plus slope times max(|dz/du|, |dz/dv|) of the receiver.
-  kReceiverPlane,  ///< The receiver's tangent plane is compared at the texel's centre; plus constant.
-};
-
-struct StandardTest {
-  DepthFormat format = DepthFormat::kFloat32;
-  BiasKind bias = BiasKind::kSlopeScaled;
-  double constant = 0.0;  ///< In window depth, see SafeBias.
-  double slope = 0.0;
-  int pcf_radius =
-      0;  ///< (2 r + 1)^2 texels are compared and the majority decides. Taps beyond the map are lit.
-};
 
 /// The casters that a map's texels hold, before depth is rounded to a format.
 struct StandardMap {
@@ -51,7 +29,8 @@ absl::StatusOr<StandardMap> RenderStandardMap(const TruthScene& scene, const Ray
                                               const ShadowProjection& projection, const DepthRange& range,
                                               CasterFaces casters = CasterFaces::kBoth);
 
-/// What a renderer would show. `truth` says which pixels the light concerns; those off the map are lit.
+/// What a renderer would show; `test.casters` was said when the map was rendered. `truth` says which pixels
+/// the light concerns; those off the map are lit.
 ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& test,
                                  const VisibleSurface& surface, const ShadowMask& truth,
                                  const RaySpace& ray_space);

@@ -1,11 +1,18 @@
 const int kMaxLights = 32;
 
+// Light.test.x
+const int kWithoutDepthErrors = 0;
+const int kConstantBias = 1;
+const int kSlopeScaledBias = 2;
+const int kReceiverPlaneBias = 3;
+
 struct Light {
   mat4 clip_from_world;   // To the clip space of the light's shadow map.
   vec4 ws_position;       // w = 1: position. w = 0: the direction towards a directional light.
   vec4 ws_axis;           // Axis of a spot, w = cosine of its outer half angle; w = -2 for other lights.
   vec4 power;             // RGB: irradiance (directional) or intensity (others).
   vec4 map_size;          // Width and height in texels.
+  vec4 test;              // Kind (below), filter radius, constant and slope of the bias in window depth.
 };
 
 layout(std140) uniform Lights {

@@ -31,14 +31,15 @@ void main() {
     vec3 ws_towards_light = TowardsLight(i, ws_point);
     bool lit = dot(ws_normal, ws_towards_light) > 0.0;
     if ((!lit && spread == 0.0) || !Illuminates(i, ws_towards_light)) continue;
-    if (lit && InShadow(i, ws_point, ws_point_dx, ws_point_dy, ws_normal)) continue;
+    float shadow = lit ? ShadowShare(i, ws_point, ws_point_dx, ws_point_dy, ws_normal) : 0.0;
+    if (shadow >= 1.0) continue;
     float squared_distance = dot(ws_towards_light, ws_towards_light);
     vec3 l = ws_towards_light * inversesqrt(squared_distance);
     float cosine = mix(max(dot(n, l), 0.0), 0.5, spread);
     float falloff = lights[i].ws_position.w == 0.0 ? 1.0 : 1.0 / max(squared_distance, 0.01);
     float cos_outer = lights[i].ws_axis.w;
     if (cos_outer >= -1.0) falloff *= smoothstep(cos_outer, mix(cos_outer, 1.0, 0.35), dot(-l, lights[i].ws_axis.xyz));
-    irradiance += lights[i].power.rgb * cosine * falloff;
+    irradiance += lights[i].power.rgb * (cosine * falloff * (1.0 - shadow));
   }
   // Ambient light: the sky above, and what the ground sends back from below.
   float upwards = 0.5 + 0.5 * n.z;

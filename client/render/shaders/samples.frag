@@ -12,7 +12,7 @@ void main() {
   for (int i = 0; i < light_count; ++i) {
     vec3 ws_towards_light = TowardsLight(i, ws_point);
     if (dot(ws_normal, ws_towards_light) <= 0.0 || !Illuminates(i, ws_towards_light)) continue;
-    if (InShadow(i, ws_point, ws_point_dx, ws_point_dy, ws_normal)) bits |= 1u << i;
+    if (ShadowShare(i, ws_point, ws_point_dx, ws_point_dy, ws_normal) > 0.5) bits |= 1u << i;
   }
   shadow_bits = bits;
 }

@@ -9,7 +9,9 @@
 #include <numbers>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/fit/frame_optimizer.h"
+#include "core/reference/artefacts.h"
 #include "core/reference/shadow_map_test.h"
 #include "core/reference/truth_scene.h"
 
@@ -233,6 +235,71 @@ TEST_F(RendererTest, ShadowBitsAgreeWithTheReferenceMapTest) {
   }
 }
 
+/// The renderer and the reference make and compare standard maps by the same options.
+TEST_F(RendererTest, StandardTestsAgreeWithTheReference) {
+  const absl::StatusOr<TruthScene> truth = TruthScene::Create(scene_);
+  ASSERT_TRUE(truth.ok());
+  const Camera camera = TestCamera();
+  constexpr MapSize kMap{160, 128};
+  FrameSummary fit;
+  const ShadowMaps exact = DrawFittedMaps(camera, kMap, &fit);
+  const VisibleSurface surface = truth->RenderSurface(camera, kScreen.width, kScreen.height);
+  std::vector<ShadowMask> lit_by;
+  for (const Light& light : lights_) lit_by.push_back(truth->TrueShadow(surface, *RaySpace::Create(light)));
+
+  const auto compare = [&](const StandardTest& test, bool mirrored) {
+    std::vector<LightView> views(exact.lights().begin(), exact.lights().end());
+    absl::StatusOr<ShadowMaps> maps =
+        renderer_->CreateShadowMaps(std::vector<MapSize>(lights_.size(), kMap), test.format);
+    ASSERT_TRUE(maps.ok()) << maps.status();
+    for (LightView& view : views) {
+      view.test = test;
+      if (mirrored)
+        view.clip_from_world = glm::dmat4(glm::dvec4(-1, 0, 0, 0), glm::dvec4(0, 1, 0, 0),
+                                          glm::dvec4(0, 0, 1, 0), glm::dvec4(0, 0, 0, 1)) *
+                               view.clip_from_world;
+    }
+    ASSERT_TRUE(renderer_->DrawShadowMaps(views, &*maps).ok());
+    SampleBuffers buffers;
+    ASSERT_TRUE(renderer_->DrawShadowBits(camera, *maps, &buffers).ok());
+    for (size_t light = 0; light < lights_.size(); ++light) {
+      SCOPED_TRACE(light);
+      const RaySpace space = *RaySpace::Create(lights_[light]);
+      ShadowProjection projection;
+      ASSERT_TRUE(ProjectionFromClip(space, views[light].clip_from_world, kMap, &projection));
+      const absl::StatusOr<StandardMap> map =
+          RenderStandardMap(*truth, space, projection, fit.lights[light].depth_range, test.casters);
+      ASSERT_TRUE(map.ok());
+      const ShadowMask expected = ShadowFromStandardMap(*map, test, surface, lit_by[light], space);
+      int shadowed = 0;
+      int different = 0;
+      for (size_t i = 0; i < surface.size(); ++i) {
+        if (expected[i] == PixelLight::kNotConcerned) continue;
+        const bool bit = (buffers.bits[i] >> light & 1u) != 0;
+        shadowed += bit ? 1 : 0;
+        different += bit != (expected[i] == PixelLight::kShadowed) ? 1 : 0;
+      }
+      EXPECT_GT(shadowed, 100);
+      EXPECT_LE(different, 150 + shadowed / 50) << shadowed << " shadowed";
+    }
+  };
+  using enum BiasKind;
+  for (const CasterFaces faces : {CasterFaces::kBoth, CasterFaces::kFront, CasterFaces::kBack}) {
+    for (const bool mirrored : {false, true}) {
+      SCOPED_TRACE(absl::StrCat("faces ", static_cast<int>(faces), mirrored ? " mirrored" : ""));
+      compare({DepthFormat::kFloat32, kSlopeScaled, 1e-4, 1.0, 0, faces}, mirrored);
+    }
+  }
+  for (const int radius : {0, 1, 3}) {
+    SCOPED_TRACE(absl::StrCat("radius ", radius));
+    compare({DepthFormat::kFloat32, kConstant, 0.004, 0.0, radius}, false);
+    compare({DepthFormat::kFloat32, kSlopeScaled, 1e-4, 1.0 + 0.5 * radius, radius}, false);
+    compare({DepthFormat::kFloat32, kReceiverPlane, 1e-5, 0.0, radius}, false);
+  }
+  compare({DepthFormat::kUnorm24, kReceiverPlane, 1e-5, 0.0, 0}, false);
+  compare({DepthFormat::kUnorm16, kConstant, 0.004, 0.0, 0}, false);
+}
+
 TEST_F(RendererTest, FineMapsApproachTheTruth) {
   const absl::StatusOr<TruthScene> truth = TruthScene::Create(scene_);
   ASSERT_TRUE(truth.ok());
@@ -356,6 +423,16 @@ TEST_F(RendererTest, RefusesBadInput) {
   EXPECT_THAT(renderer_->DrawShadowMaps(std::vector<LightView>{view}, &*maps).message(),
               HasSubstr("lights[0].direction"));
   view.light = PointLight{{0, 0, 3}};
+  view.test = StandardTest{.format = DepthFormat::kUnorm16};
+  EXPECT_THAT(renderer_->DrawShadowMaps(std::vector<LightView>{view}, &*maps).message(),
+              HasSubstr("lights[0].test.format"));
+  view.test = StandardTest{.pcf_radius = 17};
+  EXPECT_THAT(renderer_->DrawShadowMaps(std::vector<LightView>{view}, &*maps).message(),
+              HasSubstr("lights[0].test.pcf_radius: 17"));
+  view.test = StandardTest{.constant = std::numeric_limits<double>::infinity()};
+  EXPECT_THAT(renderer_->DrawShadowMaps(std::vector<LightView>{view}, &*maps).message(),
+              HasSubstr("lights[0].test.constant"));
+  view.test.reset();
   view.map_size = {8, 16};
   EXPECT_THAT(renderer_->DrawShadowMaps(std::vector<LightView>{view}, &*maps).message(), HasSubstr("8x16"));
 }
