@@ -1,18 +1,23 @@
-// A sphere around the visible slice of the view frustum looks the same from every side, so a window around
-// its image keeps its size while the camera turns, and its texels stay where they are if the window moves by
-// whole texels only. The size may not drift either: it is rounded up to the next step of a ladder, so that
-// small changes of the visible depth range leave it alone.
+// A sphere that holds all receivers looks the same from every side, so a window around its image keeps its
+// size while the camera turns, and its texels stay where they are if the window moves by whole texels only.
+// The sphere must not depend on what the camera happens to see: it is that around the view frustum, as far as
+// the scene's bounds reach from the viewer, or that around the bounds themselves, whichever is smaller. While
+// the viewer walks, the reach changes a little; so the size is rounded up to the next step of a ladder.
+// Where the caller gives no bounds these are of what is visible, and the window is only as stable as they
+// are.
 //
-// Directional lights: the image of a sphere of radius R is a disc of radius R, wherever it is. Spots: the
-// image plane is the spot's own; the sphere's image grows as it comes nearer, which the ladder absorbs in
-// part; a window as large as the spot's own frustum is that frustum, which never moves. Point lights have no
-// orientation of their own: of 26 fixed ones, towards the neighbours of a cell in a cubic lattice, the one
-// nearest to the sphere serves.
+// Directional lights: the image of a sphere of radius R is a disc of radius R, wherever it is. Other lights:
+// the image of a sphere grows as it comes nearer, so the one around the bounds, which stays, is preferred.
+// Spots: the image plane is the spot's own; a window as large as the spot's own frustum is that frustum,
+// which never moves. Point lights have no orientation of their own: of 26 fixed ones, towards the neighbours
+// of a cell in a cubic lattice, the one nearest to the sphere serves. One that is within the stable spheres
+// gets a window around what is visible, which breathes; one that is within that, its own frustum.
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 #include "core/baseline/light_frustum.h"
 #include "core/baseline/methods.h"
@@ -30,21 +35,25 @@ struct Sphere {
   double radius = 0.0;
 };
 
-/// The smallest sphere around the view frustum's slice whose centre lies on the line through the middles of
-/// its near and far end. Computed in view space, so that its radius has the same bits wherever the camera is.
-std::optional<Sphere> SphereAroundView(const LightProblem& problem) {
-  const Camera& camera = *problem.camera;
+/// The view frustum's corners in view space between two NDC depths; the four nearer ones first.
+std::optional<std::array<glm::dvec3, 8>> SliceCorners(const Camera& camera, double near_ndc, double far_ndc) {
   const glm::dmat4 view_from_clip = glm::inverse(camera.clip_from_view());
   std::array<glm::dvec3, 8> corners;
-  glm::dvec3 ends[2] = {glm::dvec3(0.0), glm::dvec3(0.0)};
   for (size_t i = 0; i < 8; ++i) {
-    const double depth = i < 4 ? problem.nearest_ndc_depth : problem.farthest_ndc_depth;
-    const glm::dvec4 p =
-        view_from_clip * glm::dvec4((i & 1) != 0 ? 1.0 : -1.0, (i & 2) != 0 ? 1.0 : -1.0, depth, 1.0);
+    const glm::dvec4 p = view_from_clip * glm::dvec4((i & 1) != 0 ? 1.0 : -1.0, (i & 2) != 0 ? 1.0 : -1.0,
+                                                     i < 4 ? near_ndc : far_ndc, 1.0);
     corners[i] = glm::dvec3(p) / p.w;
     if (!std::isfinite(corners[i].x + corners[i].y + corners[i].z)) return std::nullopt;
-    ends[i / 4] += 0.25 * corners[i];
   }
+  return corners;
+}
+
+/// The smallest sphere around a slice of the view frustum whose centre lies on the line through the middles
+/// of its near and far end. Computed in view space, so that its radius has the same bits wherever the camera
+/// is.
+std::optional<Sphere> SphereAround(const std::array<glm::dvec3, 8>& corners, const Camera& camera) {
+  glm::dvec3 ends[2] = {glm::dvec3(0.0), glm::dvec3(0.0)};
+  for (size_t i = 0; i < 8; ++i) ends[i / 4] += 0.25 * corners[i];
   // Squared distance of corner i from ends[0] + t axis: a_i - 2 t b_i + t^2 |axis|^2. The greatest over the
   // corners is least at the vertex of one of the parabolas or where two of them meet.
   const glm::dvec3 axis = ends[1] - ends[0];
@@ -78,8 +87,73 @@ std::optional<Sphere> SphereAroundView(const LightProblem& problem) {
   const glm::dvec4 ws_center = glm::inverse(camera.view_from_world()) * glm::dvec4(vs_center, 1.0);
   sphere.ws_center = glm::dvec3(ws_center) / ws_center.w;
   sphere.radius = std::sqrt(best_squared);
-  if (!std::isfinite(sphere.radius + glm::length(sphere.ws_center))) return std::nullopt;
+  if (!std::isfinite(sphere.radius + glm::length(sphere.ws_center)) || !(sphere.radius > 0.0))
+    return std::nullopt;
   return sphere;
+}
+
+/// Around what is visible: small, but it breathes as the camera turns.
+std::optional<Sphere> SphereAroundVisible(const LightProblem& problem) {
+  const auto corners = SliceCorners(*problem.camera, problem.nearest_ndc_depth, problem.farthest_ndc_depth);
+  return corners ? SphereAround(*corners, *problem.camera) : std::nullopt;
+}
+
+/// Around the view frustum from its near plane to where the scene's bounds end in any direction.
+std::optional<Sphere> SphereAroundView(const LightProblem& problem) {
+  const Camera& camera = *problem.camera;
+  const double near_ndc = NearNdc(camera.clip_depth());
+  const double far_ndc = FarNdc(camera.clip_depth());
+  // The far plane may be infinitely far away; another depth tells the directions of the frustum's edges.
+  std::optional<std::array<glm::dvec3, 8>> corners =
+      SliceCorners(camera, near_ndc, glm::mix(near_ndc, far_ndc, 0.5));
+  if (!corners) return std::nullopt;
+  double reach = 0.0;
+  for (const glm::dvec3& ws_corner : problem.ws_scene_bounds.Corners()) {
+    const glm::dvec4 vs_corner = camera.view_from_world() * glm::dvec4(ws_corner, 1.0);
+    reach = std::max(reach, glm::length(glm::dvec3(vs_corner) / vs_corner.w));
+  }
+  const double steps = kStepsPerDoubling * std::log2(reach);
+  reach = std::exp2(std::ceil(steps - 1e-6) / kStepsPerDoubling);
+  if (const auto visible = SliceCorners(camera, near_ndc, problem.farthest_ndc_depth)) {
+    reach = std::max(reach, std::abs((*visible)[4].z));  // Bounds may be wrong.
+  }
+  if (const auto whole = SliceCorners(camera, near_ndc, far_ndc))
+    reach = std::min(reach, std::abs((*whole)[4].z));
+  for (size_t i = 0; i < 4; ++i) {
+    const glm::dvec3 edge = (*corners)[i + 4] - (*corners)[i];
+    const double along = (reach - std::abs((*corners)[i].z)) / std::abs(edge.z);
+    (*corners)[i + 4] = (*corners)[i] + std::max(along, 0.0) * edge;
+    if (!std::isfinite(along)) return std::nullopt;
+  }
+  return SphereAround(*corners, camera);
+}
+
+/// Around the scene's bounds; none where they do not hold what the map must hold.
+std::optional<Sphere> SphereAroundScene(const LightProblem& problem) {
+  const Bounds& bounds = problem.ws_scene_bounds;
+  const Sphere sphere{bounds.Center(), 0.5 * glm::distance(bounds.min, bounds.max)};
+  const LightSamples& samples = *problem.samples;
+  for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
+    const glm::dvec3 ws_point =
+        problem.ray_space->PointFromRay(samples.hull_rays[i], samples.hull_along_ray[i]);
+    if (!(glm::distance(ws_point, sphere.ws_center) <= sphere.radius)) return std::nullopt;
+  }
+  if (!std::isfinite(sphere.radius) || !(sphere.radius > 0.0)) return std::nullopt;
+  return sphere;
+}
+
+/// Spheres that turning the camera does not change, the better one first: the smaller, but where perspective
+/// makes the image of a sphere that moves grow and shrink, the one that stays.
+std::vector<Sphere> StableSpheres(const LightProblem& problem) {
+  std::vector<Sphere> spheres;
+  const std::optional<Sphere> view = SphereAroundView(problem);
+  const std::optional<Sphere> scene = SphereAroundScene(problem);
+  if (view) spheres.push_back(*view);
+  if (scene) {
+    const bool first = !view || !problem.ray_space->is_directional() || scene->radius < view->radius;
+    spheres.insert(first ? spheres.begin() : spheres.end(), *scene);
+  }
+  return spheres;
 }
 
 /// The next step of the ladder. Values that rounding alone lifts above a step stay on it.
@@ -129,51 +203,55 @@ glm::dvec3 NearestLatticeDirection(const glm::dvec3& direction) {
   return best;
 }
 
-}  // namespace
-
-absl::StatusOr<LightFit> FitSphereStable(const LightProblem& problem) {
+/// The window around a sphere's image; none where the sphere is too near to the light or around it.
+std::optional<ShadowProjection> WindowAround(const Sphere& sphere, const LightProblem& problem) {
   const RaySpace& ray_space = *problem.ray_space;
-  if (problem.map_size.width < 2 || problem.map_size.height < 2) {
-    return Normal(problem, "a map of one texel a side has nothing to snap to: the light's own frustum");
-  }
-  const std::optional<Sphere> sphere = SphereAroundView(problem);
-  if (!sphere || !(sphere->radius > 0.0)) {
-    return Normal(problem,
-                  "the visible slice of the view frustum has no finite extent: the light's own frustum");
-  }
-
-  LightFit fit;
-  const glm::dvec3 center = ray_space.RayFromPoint(sphere->ws_center);
+  const glm::dvec3 center = ray_space.RayFromPoint(sphere.ws_center);
   if (ray_space.is_directional()) {
     const PlaneMap plane = UprightPlane(ray_space, {0.0, 0.0, 1.0});
-    fit.projection =
-        SnappedWindow(plane, plane.Project(center), RoundUpToStep(sphere->radius), problem.map_size);
-    return fit;
+    return SnappedWindow(plane, plane.Project(center), RoundUpToStep(sphere.radius), problem.map_size);
   }
-
   const bool spot = ray_space.cos_outer().has_value();
   const glm::dvec3 axis = spot ? glm::dvec3(0.0, 0.0, 1.0) : NearestLatticeDirection(center);
   const PlaneMap plane = UprightPlane(ray_space, axis);
   const double w = glm::dot(plane.w, center);
-  double half_side = HUGE_VAL;
-  glm::dvec2 middle(0.0);
-  if (w > sphere->radius) {
-    const glm::dvec2 x = TangentInterval(glm::dot(plane.x, center), w, sphere->radius);
-    const glm::dvec2 y = TangentInterval(glm::dot(plane.y, center), w, sphere->radius);
-    half_side = RoundUpToStep(0.5 * std::max(x[1] - x[0], y[1] - y[0]));
-    middle = 0.5 * glm::dvec2(x[0] + x[1], y[0] + y[1]);
+  if (!(w > sphere.radius)) return std::nullopt;
+  const glm::dvec2 x = TangentInterval(glm::dot(plane.x, center), w, sphere.radius);
+  const glm::dvec2 y = TangentInterval(glm::dot(plane.y, center), w, sphere.radius);
+  const double half_side = RoundUpToStep(0.5 * std::max(x[1] - x[0], y[1] - y[0]));
+  double widest = kWidestTangent;
+  if (spot) widest = 0.5 * NormalFrustum(problem).extents.width;
+  if (!(half_side < widest)) return std::nullopt;
+  return SnappedWindow(plane, 0.5 * glm::dvec2(x[0] + x[1], y[0] + y[1]), half_side, problem.map_size);
+}
+
+}  // namespace
+
+absl::StatusOr<LightFit> FitSphereStable(const LightProblem& problem) {
+  if (problem.map_size.width < 2 || problem.map_size.height < 2) {
+    return Normal(problem, "a map of one texel a side has nothing to snap to: the light's own frustum");
   }
-  if (spot) {
-    const LightFrustum frustum = NormalFrustum(problem);
-    if (frustum.outcome == FitOutcome::kFallback || !(half_side < 0.5 * frustum.extents.width)) {
-      return FitNormal(problem);
+  const bool spot = problem.ray_space->cos_outer().has_value();
+  if (spot && NormalFrustum(problem).outcome == FitOutcome::kFallback) return FitNormal(problem);
+  const std::vector<Sphere> stable = StableSpheres(problem);
+  LightFit fit;
+  for (const Sphere& sphere : stable) {
+    if (const auto window = WindowAround(sphere, problem)) {
+      fit.projection = *window;
+      return fit;
     }
-  } else if (!(half_side < kWidestTangent)) {
-    return Normal(
-        problem, "the light is inside the sphere around the view or too near to it: the light's own frustum");
+    if (spot) return FitNormal(problem);  // A spot's own frustum never moves.
   }
-  fit.projection = SnappedWindow(plane, middle, half_side, problem.map_size);
-  return fit;
+  const std::optional<Sphere> visible = SphereAroundVisible(problem);
+  if (const auto window = visible ? WindowAround(*visible, problem) : std::nullopt) {
+    fit.projection = *window;
+    return fit;
+  }
+  if (spot) return FitNormal(problem);
+  return Normal(
+      problem,
+      visible ? "the light is inside the sphere around the view or too near to it: the light's own frustum"
+              : "the visible slice of the view frustum has no finite extent: the light's own frustum");
 }
 
 }  // namespace shadowfit

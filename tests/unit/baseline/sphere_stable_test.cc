@@ -12,7 +12,7 @@ namespace {
 using testing::OwnedProblem;
 using testing::ProblemSetup;
 
-/// Fits with the visible slice held between two view depths: what the camera sees does not change the sphere.
+/// Fits with something visible between two view depths.
 LightFit FitSlice(const ProblemSetup& setup, double near_depth, double far_depth) {
   OwnedProblem owned(setup);
   const auto ndc = [&](double depth) {
@@ -51,31 +51,26 @@ std::vector<Light> FarLights() {
 TEST(SphereStable, TurningTheCameraLeavesTheTexelGridInPlace) {
   std::mt19937_64 random(41);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
-  // Perspective makes a point light's window change size with the sphere's distance: turns must be small
-  // enough to stay on one step of the ladder. Directional windows never change.
+  // A directional light's window follows the view; those of others hold the whole scene and stay.
   for (const Light& light : FarLights()) {
     const bool directional = std::holds_alternative<DirectionalLight>(light);
     ProblemSetup setup;
     setup.light = light;
     const LightFit reference = FitSlice(setup, 0.5, 20.0);
     ASSERT_EQ(reference.outcome, FitOutcome::kFitted) << reference.note;
-    int same_size = 0;
     bool moved = false;
     for (int round = 0; round < 50; ++round) {
-      const double turn = directional ? 3.0 : 0.3;
+      const double turn = 3.0;
       ProblemSetup turned = setup;
       turned.ws_target = turned.ws_eye + glm::dvec3(std::cos(turn * unit(random)),
                                                     std::sin(turn * unit(random)), 0.3 * unit(random) - 0.1);
       const LightFit fit = FitSlice(turned, 0.5, 20.0);
       glm::dvec2 shift;
       const double error = LatticeError(setup, reference, fit, &shift);
-      EXPECT_TRUE(!directional || error < 1e-6)
-          << "light " << light.index() << " round " << round << ": " << error;
-      if (error < 1e-6) ++same_size;
+      EXPECT_LT(error, 1e-6) << "light " << light.index() << " round " << round;
       if (shift != glm::dvec2(0.0)) moved = true;
     }
-    EXPECT_GE(same_size, directional ? 50 : 20) << "light " << light.index();
-    EXPECT_TRUE(moved) << "the window follows the view";
+    EXPECT_EQ(moved, directional);
   }
 }
 
@@ -98,25 +93,25 @@ TEST(SphereStable, MovingTheCameraMovesTheGridByWholeTexels) {
       if (error < 1e-6) ++same_size;
       if (shift != glm::dvec2(0.0)) moved = true;
     }
-    EXPECT_GE(same_size, std::holds_alternative<DirectionalLight>(light) ? 50 : 30)
-        << "light " << light.index();
-    EXPECT_TRUE(moved);
+    // The reach of the view changes with the walk, and with it, now and then, the size.
+    const bool directional = std::holds_alternative<DirectionalLight>(light);
+    EXPECT_GE(same_size, directional ? 30 : 50) << "light " << light.index();
+    EXPECT_EQ(moved, directional);
   }
 }
 
-TEST(SphereStable, SmallChangesOfTheVisibleDepthLeaveTheGridAlone) {
+TEST(SphereStable, WhatIsVisibleDoesNotMatter) {
   ProblemSetup setup;
-  setup.light = DirectionalLight{{0.3, 0.5, -1.0}};
-  const LightFit reference = FitSlice(setup, 0.5, 20.0);
-  int same = 0;
-  for (int i = 0; i < 20; ++i) {
-    glm::dvec2 shift;
-    same += LatticeError(setup, reference, FitSlice(setup, 0.5, 20.0 + 0.02 * i), &shift) < 1e-6 ? 1 : 0;
+  for (const Light& light : FarLights()) {
+    setup.light = light;
+    const LightFit reference = FitSlice(setup, 0.5, 20.0);
+    for (const double depth : {1.0, 5.0, 30.0, 70.0}) {
+      EXPECT_EQ(FitSlice(setup, 0.2, depth).projection.texel_from_ray, reference.projection.texel_from_ray);
+    }
   }
-  EXPECT_GE(same, 15);
 }
 
-TEST(SphereStable, HoldsTheWholeViewSlice) {
+TEST(SphereStable, HoldsTheWholeViewSliceOrTheWholeScene) {
   std::mt19937_64 random(43);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   for (int round = 0; round < 300; ++round) {
@@ -124,15 +119,21 @@ TEST(SphereStable, HoldsTheWholeViewSlice) {
     const OwnedProblem owned(setup);
     const LightFit fit = *MakeBaseline(Method::kSphereStable)->Fit(owned.problem());
     if (fit.outcome == FitOutcome::kFallback || std::holds_alternative<SpotLight>(setup.light)) continue;
+    const auto holds = [&](const glm::dvec3& ws_point) {
+      const glm::dvec3 u = fit.projection.TexelFromRay(owned.ray_space().RayFromPoint(ws_point));
+      return u.z > 0.0 && u.x >= -1e-6 * setup.map_size.width && u.x <= setup.map_size.width * (1 + 1e-6) &&
+             u.y >= -1e-6 * setup.map_size.height && u.y <= setup.map_size.height * (1 + 1e-6);
+    };
+    bool holds_view = true;
+    bool holds_scene = true;
     for (int i = 0; i < 8; ++i) {
       const glm::dvec4 p = owned.camera().WsFromNdc(
           {(i & 1) != 0 ? 1.0 : -1.0, (i & 2) != 0 ? 1.0 : -1.0,
            (i & 4) != 0 ? owned.problem().farthest_ndc_depth : owned.problem().nearest_ndc_depth});
-      const glm::dvec3 u = fit.projection.TexelFromRay(owned.ray_space().RayFromPoint(glm::dvec3(p) / p.w));
-      ASSERT_GT(u.z, 0.0);
-      ASSERT_TRUE(u.x >= -1e-6 * setup.map_size.width && u.x <= setup.map_size.width * (1 + 1e-6));
-      ASSERT_TRUE(u.y >= -1e-6 * setup.map_size.height && u.y <= setup.map_size.height * (1 + 1e-6));
+      holds_view = holds_view && holds(glm::dvec3(p) / p.w);
+      holds_scene = holds_scene && holds(owned.problem().ws_scene_bounds.Corners()[static_cast<size_t>(i)]);
     }
+    ASSERT_TRUE(holds_view || holds_scene) << round;
   }
 }
 
