@@ -39,6 +39,7 @@ struct Arguments {
   std::vector<double> eye;
   std::vector<double> target;
   bool times = false;
+  int artefact_lights = 10;
   std::string out;
 };
 
@@ -105,6 +106,7 @@ ComparisonOptions OptionsOf(const Arguments& arguments) {
                            {arguments.target[0], arguments.target[1], arguments.target[2]}};
   }
   options.frame_times = arguments.times;
+  options.artefact_lights = arguments.artefact_lights;
   options.folder = arguments.out;
   return options;
 }
@@ -198,6 +200,12 @@ void AddCompareCommand(CLI::App& app) {
                             ->expected(3);
   eye->needs(target)->excludes(views);
   target->needs(eye);
+  command
+      ->add_option("--artefact-lights", arguments->artefact_lights,
+                   "Count acne, detached shadows, jagged edges and flicker for so many lights of each kind; "
+                   "0: for none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
   command->add_flag("--times", arguments->times,
                     "Measure, too, what a frame of 1 to 32 lights costs each method");
   command

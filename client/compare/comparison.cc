@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/compare/artefact_study.h"
 #include "client/compare/comparison_report.h"
 #include "client/compare/record_store.h"
 #include "core/fit/frame_optimizer.h"
@@ -81,7 +82,8 @@ double ThreadSeconds() {
 
 /// One method's matrices for one light: the summary of the last of three runs, the median of their times.
 MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const LightStudy& light,
-                        const MethodVariant& method, MapSize screen, FrameOptimizer* optimizer) {
+                        const MethodVariant& method, MapSize screen, FrameOptimizer* optimizer,
+                        const ArtefactStudy* artefacts) {
   FrameRequest request = RequestOf(truth, view, screen);
   request.bits = light.Bits(view);
   LightRequest& wanted = request.lights.emplace_back();
@@ -114,6 +116,11 @@ MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const Li
   } else {
     record.note = absl::StrCat("failed: ", wrong.status().message());
     record.wrong_pixels = light.shadowed_pixels;
+  }
+  if (artefacts != nullptr) {
+    const absl::StatusOr<ArtefactRecord> measured =
+        artefacts->Measure(light, method.options, request, fit, optimizer);
+    if (measured.ok()) record.artefacts = *measured;
   }
   return record;
 }
@@ -197,6 +204,7 @@ absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOpt
 
   // An optimizer a method, so that each keeps its memory warm as a stream of frames does.
   std::vector<FrameOptimizer> optimizers(options.methods.size());
+  std::vector<std::optional<ArtefactStudy>> artefact_studies(views.size());
   int total = 0;
   for (const LightSet& set : options.sets) total += set.count;
   for (const LightSet& set : options.sets) {
@@ -212,7 +220,9 @@ absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOpt
       std::optional<LightStudy> study;
       for (size_t m = 0; m < options.methods.size(); ++m) {
         const MethodVariant& method = options.methods[m];
-        if (const auto* line = store ? store->Find(set.placement, i, method.name) : nullptr) {
+        const bool with_artefacts = i < options.artefact_lights;
+        const auto* line = store ? store->Find(set.placement, i, method.name) : nullptr;
+        if (line != nullptr && (!with_artefacts || line->record.artefacts)) {
           record.concerned_pixels = line->concerned_pixels;
           record.shadowed_pixels = line->shadowed_pixels;
           record.methods.push_back(line->record);
@@ -225,7 +235,10 @@ absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOpt
           record.concerned_pixels = study->concerned_pixels;
           record.shadowed_pixels = study->shadowed_pixels;
         }
-        record.methods.push_back(MeasureFit(*truth, view, *study, method, options.screen, &optimizers[m]));
+        std::optional<ArtefactStudy>& artefact_study = artefact_studies[static_cast<size_t>(record.view)];
+        if (with_artefacts && !artefact_study) artefact_study.emplace(*truth, view, options.screen);
+        record.methods.push_back(MeasureFit(*truth, view, *study, method, options.screen, &optimizers[m],
+                                            with_artefacts ? &*artefact_study : nullptr));
         if (!store) continue;
         const absl::Status status = store->Append({set.placement, i, method.name, record.concerned_pixels,
                                                    record.shadowed_pixels, record.methods.back()});

@@ -11,6 +11,7 @@
 #include "core/fit/options.h"
 #include "core/math/light.h"
 #include "core/math/shadow_projection.h"
+#include "core/reference/artefacts.h"
 #include "core/reference/study_setup.h"
 #include "core/scene/scene.h"
 
@@ -40,10 +41,18 @@ struct ComparisonOptions {
   /// lights in turn.
   int views = 0;
   std::optional<StandPoint> stand_point;
+  /// Count artefacts for the first so many lights of each set: they take about three times as long again.
+  int artefact_lights = 10;
   /// Measure what frames of several lights cost, in the first view with the first set's lights.
   bool frame_times = false;
   /// Results are kept here light by light, and read back by the next run; empty keeps nothing.
   std::string folder;
+};
+
+/// Pixels of the screen that a renderer gets wrong with a method's map, and why.
+struct ArtefactRecord {
+  ArtefactCounts counts;  ///< With 24 bits of depth and the safe bias of the small depth buffer.
+  int flicker = 0;        ///< Whose answer changes, depth errors aside, when the camera turns by a degree.
 };
 
 /// One method's answer for one light.
@@ -54,6 +63,7 @@ struct MethodRecord {
   int boundary_samples = 0;
   int evaluations = 0;
   std::string note;  ///< A fallback's reason, or "failed: ..."; then the count is that of no map at all.
+  std::optional<ArtefactRecord> artefacts;
 };
 
 struct LightRecord {

@@ -56,6 +56,11 @@ Json MethodsJson(std::span<const LightRecord> records, const Comparison& compari
       entry["bestBaselineWrongPixels"] = baseline;
       beaten.push_back(std::move(entry));
     }
+    Json artefacts = {{"lights", statistics.artefact_lights},
+                      {"acne", statistics.mean_acne},
+                      {"detached", statistics.mean_detached},
+                      {"jagged", statistics.mean_jagged},
+                      {"flicker", statistics.mean_flicker}};
     result[methods[m].name] = {{"meanWrongPixels", statistics.mean_wrong_pixels},
                                {"worstTenPercent", std::move(worst)},
                                {"medianMilliseconds", statistics.median_milliseconds},
@@ -66,7 +71,8 @@ Json MethodsJson(std::span<const LightRecord> records, const Comparison& compari
                                  {"ratioMedian", statistics.ratio_median},
                                  {"ratioUpperQuartile", statistics.ratio_upper_quartile}}},
                                {"lightsWorseThanBestBaseline", std::move(beaten)},
-                               {"failuresAndFallbacks", statistics.failures_and_fallbacks}};
+                               {"failuresAndFallbacks", statistics.failures_and_fallbacks},
+                               {"artefacts", std::move(artefacts)}};
   }
   return result;
 }
@@ -126,6 +132,21 @@ std::string TableOfMethods(const ComparisonSummary& summary, std::span<const Met
   return table;
 }
 
+std::string TableOfArtefacts(const ComparisonSummary& summary, std::span<const MethodVariant> methods) {
+  if (methods.empty() || summary.methods[0].artefact_lights == 0) return "";
+  std::string table = absl::StrFormat(
+      "Pixels that a renderer gets wrong with 24 bits of depth and the safe bias, by cause, and pixels whose "
+      "answer changes when the camera turns by a degree; mean of %d lights:\n\n"
+      "| method | acne | detached | jagged | flicker |\n| --- | ---: | ---: | ---: | ---: |\n",
+      summary.methods[0].artefact_lights);
+  for (size_t m = 0; m < methods.size(); ++m) {
+    const MethodStatistics& s = summary.methods[m];
+    absl::StrAppendFormat(&table, "| %s | %.1f | %.1f | %.1f | %.1f |\n", methods[m].name, s.mean_acne,
+                          s.mean_detached, s.mean_jagged, s.mean_flicker);
+  }
+  return table + "\n";
+}
+
 std::string Section(const std::string& title, std::span<const LightRecord> records,
                     const Comparison& comparison) {
   const std::vector<MethodVariant>& methods = comparison.options.methods;
@@ -142,7 +163,7 @@ std::string Section(const std::string& title, std::span<const LightRecord> recor
     absl::StrAppend(&text, "Against `", name, "`:\n\n", TableOfMeans(summary, methods, anchor), "\n");
   }
   if (!anchored) absl::StrAppend(&text, TableOfMeans(summary, methods, std::nullopt), "\n");
-  absl::StrAppend(&text, TableOfMethods(summary, methods), "\n");
+  absl::StrAppend(&text, TableOfMethods(summary, methods), "\n", TableOfArtefacts(summary, methods));
 
   for (size_t m = 0; m < methods.size(); ++m) {
     const std::vector<size_t>& beaten = summary.methods[m].beaten_by_baseline;

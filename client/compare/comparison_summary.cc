@@ -103,10 +103,21 @@ ComparisonSummary Summarize(std::span<const LightRecord> records, std::span<cons
       milliseconds.push_back(record.milliseconds);
       if (record.wrong_pixels > 0) ratios.push_back(record.predicted_pixels / record.wrong_pixels);
       if (!record.note.empty()) ++statistics.failures_and_fallbacks;
+      if (record.artefacts) {
+        ++statistics.artefact_lights;
+        statistics.mean_acne += record.artefacts->counts.acne;
+        statistics.mean_detached += record.artefacts->counts.peter_panning;
+        statistics.mean_jagged += record.artefacts->counts.jagged;
+        statistics.mean_flicker += record.artefacts->flicker;
+      }
       const int best_baseline = IsBaseline(methods[m]) ? -1 : BestBaseline(records[i], methods, nullptr);
       if (best_baseline >= 0 && record.wrong_pixels > best_baseline) {
         statistics.beaten_by_baseline.push_back(i);
       }
+    }
+    for (double* mean : {&statistics.mean_acne, &statistics.mean_detached, &statistics.mean_jagged,
+                         &statistics.mean_flicker}) {
+      *mean /= std::max(1, statistics.artefact_lights);
     }
     statistics.mean_wrong_pixels = std::reduce(wrong.begin(), wrong.end()) / count;
     for (const std::vector<size_t>& lights : worst) {

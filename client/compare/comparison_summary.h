@@ -28,6 +28,13 @@ struct MethodStatistics {
   /// for baselines.
   std::vector<size_t> beaten_by_baseline;
   int failures_and_fallbacks = 0;
+
+  /// Means over the lights for which artefacts were counted; their number first.
+  int artefact_lights = 0;
+  double mean_acne = 0.0;
+  double mean_detached = 0.0;
+  double mean_jagged = 0.0;
+  double mean_flicker = 0.0;
 };
 
 struct ComparisonSummary {

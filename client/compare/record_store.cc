@@ -9,17 +9,25 @@ namespace shadowfit {
 namespace {
 
 nlohmann::json JsonOf(const RecordStore::Line& line) {
-  return {{"set", LightPlacementName(line.placement)},
-          {"light", line.index},
-          {"method", line.method},
-          {"concernedPixels", line.concerned_pixels},
-          {"shadowedPixels", line.shadowed_pixels},
-          {"wrongPixels", line.record.wrong_pixels},
-          {"predictedPixels", line.record.predicted_pixels},
-          {"milliseconds", line.record.milliseconds},
-          {"boundarySamples", line.record.boundary_samples},
-          {"evaluations", line.record.evaluations},
-          {"note", line.record.note}};
+  nlohmann::json json = {{"set", LightPlacementName(line.placement)},
+                         {"light", line.index},
+                         {"method", line.method},
+                         {"concernedPixels", line.concerned_pixels},
+                         {"shadowedPixels", line.shadowed_pixels},
+                         {"wrongPixels", line.record.wrong_pixels},
+                         {"predictedPixels", line.record.predicted_pixels},
+                         {"milliseconds", line.record.milliseconds},
+                         {"boundarySamples", line.record.boundary_samples},
+                         {"evaluations", line.record.evaluations},
+                         {"note", line.record.note}};
+  if (line.record.artefacts) {
+    const ArtefactRecord& artefacts = *line.record.artefacts;
+    json["artefacts"] = {{"acne", artefacts.counts.acne},
+                         {"detached", artefacts.counts.peter_panning},
+                         {"jagged", artefacts.counts.jagged},
+                         {"flicker", artefacts.flicker}};
+  }
+  return json;
 }
 
 /// None where the text is not a whole line, as after an interruption.
@@ -41,6 +49,14 @@ std::optional<RecordStore::Line> LineOf(const std::string& text) {
     line.record.boundary_samples = json.at("boundarySamples");
     line.record.evaluations = json.at("evaluations");
     line.record.note = json.at("note");
+    if (json.contains("artefacts")) {
+      const nlohmann::json& kept = json.at("artefacts");
+      ArtefactRecord& artefacts = line.record.artefacts.emplace();
+      artefacts.counts.acne = kept.at("acne");
+      artefacts.counts.peter_panning = kept.at("detached");
+      artefacts.counts.jagged = kept.at("jagged");
+      artefacts.flicker = kept.at("flicker");
+    }
     return line;
   } catch (const nlohmann::json::exception&) {
     return std::nullopt;
