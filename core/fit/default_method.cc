@@ -52,6 +52,8 @@ struct Candidate {
   EdgeFit::Result result;
 };
 
+bool ByCost(const Candidate& a, const Candidate& b) { return a.result.cost < b.result.cost; }
+
 /// Nelder and Mead's simplex in the plane, from one candidate on, with the affine search warm-started from
 /// the best vertex.
 Candidate Descend(EdgeFit& fit, const AxisChart& chart, const Candidate& start, double size,
@@ -59,11 +61,10 @@ Candidate Descend(EdgeFit& fit, const AxisChart& chart, const Candidate& start, 
   const auto evaluate = [&](const glm::dvec2& y, const AffineShape& shape) {
     return Candidate{y, fit.EvaluateNear(chart.AxisAt(y), shape)};
   };
-  const auto by_cost = [](const Candidate& a, const Candidate& b) { return a.result.cost < b.result.cost; };
   std::array<Candidate, 3> simplex = {start, evaluate(start.y + glm::dvec2(size, 0.0), start.result.shape),
                                       evaluate(start.y + glm::dvec2(0.0, size), start.result.shape)};
   for (int used = 2; used < most_evaluations;) {
-    std::sort(simplex.begin(), simplex.end(), by_cost);
+    std::sort(simplex.begin(), simplex.end(), ByCost);
     const double spread = simplex[2].result.cost - simplex[0].result.cost;
     if (spread <= tolerance * simplex[0].result.cost) break;
     const glm::dvec2 middle = 0.5 * (simplex[0].y + simplex[1].y);
@@ -74,7 +75,7 @@ Candidate Descend(EdgeFit& fit, const AxisChart& chart, const Candidate& start, 
     if (reflected.result.cost < simplex[0].result.cost) {
       const Candidate expanded = evaluate(middle + 2.0 * away, shape);
       ++used;
-      simplex[2] = std::min(expanded, reflected, by_cost);
+      simplex[2] = std::min(expanded, reflected, ByCost);
     } else if (reflected.result.cost < simplex[1].result.cost) {
       simplex[2] = reflected;
     } else {
@@ -91,7 +92,7 @@ Candidate Descend(EdgeFit& fit, const AxisChart& chart, const Candidate& start, 
       }
     }
   }
-  return *std::min_element(simplex.begin(), simplex.end(), by_cost);
+  return *std::min_element(simplex.begin(), simplex.end(), ByCost);
 }
 
 }  // namespace
@@ -99,6 +100,7 @@ Candidate Descend(EdgeFit& fit, const AxisChart& chart, const Candidate& start, 
 absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
   const RayHull hull = MakeRayHull(problem, /*with_footprints=*/true);
   const WhitenedSamples samples = Whiten(problem, hull, options_.rough_weight);
+  const WhitenedSamples probes = Thin(samples, options_.search_samples);
 
   LightFit fit;
   if (!hull.complete) {
@@ -106,32 +108,34 @@ absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
     fit.note =
         "receivers span a half space or more as seen from the light; the map holds the part around its axis";
   }
-  EdgeFit edge_fit(samples, problem.map_size, options_.free_aspect);
   const AxisChart chart(samples.hull);
+  EdgeFit search(probes, problem.map_size, options_.free_aspect);
 
   // A ring search over the chart, then descents from the best of it.
   std::vector<Candidate> starts;
-  starts.push_back({glm::dvec2(0.0), edge_fit.Evaluate(glm::dvec2(0.0))});
-  for (const double radius : {1.0, 2.0, 3.2}) {
+  starts.push_back({glm::dvec2(0.0), search.Evaluate(glm::dvec2(0.0))});
+  for (const double radius : {1.0, 2.2}) {
     for (int k = 0; k < options_.search_directions; ++k) {
-      const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius == 2.0)) / options_.search_directions;
+      const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / options_.search_directions;
       const glm::dvec2 y = radius * glm::dvec2(std::cos(angle), std::sin(angle));
-      starts.push_back({y, edge_fit.Evaluate(chart.AxisAt(y))});
+      starts.push_back({y, search.Evaluate(chart.AxisAt(y))});
     }
   }
-  const auto by_cost = [](const Candidate& a, const Candidate& b) { return a.result.cost < b.result.cost; };
-  std::sort(starts.begin(), starts.end(), by_cost);
-  Candidate best = starts[0];
-  for (int i = 0; i < options_.descents && i < static_cast<int>(starts.size()); ++i) {
-    const Candidate found =
-        Descend(edge_fit, chart, starts[static_cast<size_t>(i)], 0.5, options_.evaluations_per_descent, 1e-4);
-    best = std::min(best, found, by_cost);
+  std::sort(starts.begin(), starts.end(), ByCost);
+  EdgeFit final_fit(samples, problem.map_size, options_.free_aspect);
+  Candidate best;
+  const size_t descents = std::min(starts.size(), static_cast<size_t>(options_.descents));
+  for (size_t i = 0; i < descents; ++i) {
+    Candidate found = Descend(search, chart, starts[i], 0.5, options_.evaluations_per_descent, 2e-3);
+    found.result = final_fit.EvaluateNear(chart.AxisAt(found.y), found.result.shape);
+    if (i == 0 || found.result.cost < best.result.cost) best = found;
   }
+  best = Descend(final_fit, chart, best, 0.1, options_.evaluations_to_polish, 5e-4);
 
-  fit.evaluations = edge_fit.evaluations();
-  fit.projection.size = edge_fit.SizeOf(best.result.shape);
+  fit.evaluations = search.evaluations() + final_fit.evaluations();
+  fit.projection.size = final_fit.SizeOf(best.result.shape);
   fit.projection.texel_from_ray =
-      WithUnitAxis(edge_fit.TexelFromWhitened(chart.AxisAt(best.y), best.result.shape, fit.projection.size) *
+      WithUnitAxis(final_fit.TexelFromWhitened(chart.AxisAt(best.y), best.result.shape, fit.projection.size) *
                    samples.whitened_from_ray);
   return fit;
 }

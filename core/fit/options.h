@@ -43,14 +43,17 @@ struct PaperOptions {
 struct DefaultOptions {
   /// Let the map's width and height vary at a fixed number of texels.
   bool free_aspect = false;
-  /// Weight of boundary samples without reliable derivatives.
-  double rough_weight = 1.0;
-  /// Axes on each ring of the first search.
+  /// Weight of boundary samples beside discontinuities or without reliable derivatives.
+  double rough_weight = 0.5;
+  /// Samples that the search looks at; the last steps look at all.
+  int search_samples = 512;
+  /// Axes on each of the two rings of the first search.
   int search_directions = 8;
   /// Descents, from the best of the first search on.
   int descents = 2;
-  /// Evaluations that one descent may take.
-  int evaluations_per_descent = 60;
+  /// Evaluations that one descent may take, and the last one, over all samples.
+  int evaluations_per_descent = 40;
+  int evaluations_to_polish = 12;
 };
 
 struct Options {

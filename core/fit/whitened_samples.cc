@@ -70,8 +70,13 @@ glm::dmat2 InverseSquareRoot(const Moments& m) {
          glm::outerProduct(minor, minor) / std::sqrt(small);
 }
 
-void AddSamples(const BoundarySamples& samples, double weight, WhitenedSamples* whitened) {
+/// `most_pixels`: expected misclassified pixels above which a sample counts no more. They are estimated at
+/// the axis (0, 0, 1), where the hull is about as wide as a square of unit second moments, sqrt(12), and a
+/// texel `texel` of that; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's length.
+void AddSamples(const BoundarySamples& samples, double weight, double texel, double most_pixels,
+                WhitenedSamples* whitened) {
   const glm::dmat3& t = whitened->whitened_from_ray;
+  const double most_length = most_pixels / (0.29 * std::sqrt(12.0) * texel);
   for (size_t i = 0; i < samples.size(); ++i) {
     const glm::dvec3 p = t * samples.Ray(i);
     if (!(p.z > 0.0)) continue;
@@ -79,13 +84,22 @@ void AddSamples(const BoundarySamples& samples, double weight, WhitenedSamples* 
     const glm::dvec3 dp2 = t * samples.RayDx2(i);
     const double det = glm::dot(p, glm::cross(dp1, dp2));
     const glm::dvec3 edge = glm::cross(p, -samples.n2[i] * dp1 + samples.n1[i] * dp2);
-    const glm::dvec3 e = edge * (weight * samples.length[i] * p.z / det);
+    const glm::dvec3 full = edge * (samples.length[i] * p.z / det);
+    // The covector at the axis (0, 0, 1) is (E1, E2).
+    const double length = std::hypot(full.x, full.y);
+    const glm::dvec3 e = full * (length > most_length ? weight * most_length / length : weight);
     if (!std::isfinite(e.x) || !std::isfinite(e.y) || !std::isfinite(e.z)) continue;
     whitened->x.push_back(static_cast<float>(p.x / p.z));
     whitened->y.push_back(static_cast<float>(p.y / p.z));
     whitened->e1.push_back(static_cast<float>(e.x));
     whitened->e2.push_back(static_cast<float>(e.y));
     whitened->e3.push_back(static_cast<float>(e.z));
+  }
+}
+
+void PadToLanes(WhitenedSamples* samples) {
+  for (std::vector<float>* lane : {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3}) {
+    lane->resize((lane->size() + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes, 0.0f);
   }
 }
 
@@ -112,12 +126,30 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double 
   for (std::vector<float>* lane : {&whitened.x, &whitened.y, &whitened.e1, &whitened.e2, &whitened.e3}) {
     lane->reserve(count + kEdgeLanes);
   }
-  AddSamples(problem.samples->boundary, 1.0, &whitened);
-  AddSamples(problem.samples->rough_boundary, rough_weight, &whitened);
-  for (std::vector<float>* lane : {&whitened.x, &whitened.y, &whitened.e1, &whitened.e2, &whitened.e3}) {
-    lane->resize((lane->size() + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes, 0.0f);
-  }
+  const double texel = 1.0 / std::sqrt(problem.map_size.texels());
+  const double most_pixels = problem.samples->pixels_per_sample / 3.0;
+  AddSamples(problem.samples->boundary, 1.0, texel, most_pixels, &whitened);
+  AddSamples(problem.samples->rough_boundary, rough_weight, texel, most_pixels, &whitened);
+  PadToLanes(&whitened);
   return whitened;
+}
+
+WhitenedSamples Thin(const WhitenedSamples& samples, int most) {
+  const size_t stride = (samples.x.size() + static_cast<size_t>(most) - 1) / static_cast<size_t>(most);
+  if (stride <= 1) return samples;
+  WhitenedSamples thin;
+  thin.whitened_from_ray = samples.whitened_from_ray;
+  thin.hull = samples.hull;
+  const auto scale = static_cast<float>(stride);
+  for (size_t i = 0; i < samples.x.size(); i += stride) {
+    thin.x.push_back(samples.x[i]);
+    thin.y.push_back(samples.y[i]);
+    thin.e1.push_back(samples.e1[i] * scale);
+    thin.e2.push_back(samples.e2[i] * scale);
+    thin.e3.push_back(samples.e3[i] * scale);
+  }
+  PadToLanes(&thin);
+  return thin;
 }
 
 }  // namespace shadowfit

@@ -410,7 +410,10 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
   Workspace& work = *workspace_;
   work.Begin(camera, depth, screen, extent);
   samples->resize(ray_spaces.size());
-  for (LightSamples& light : *samples) light.Clear();
+  for (LightSamples& light : *samples) {
+    light.Clear();
+    light.pixels_per_sample = work.pixels_per_sample.x * work.pixels_per_sample.y;
+  }
 
   const auto all_lights =
       static_cast<uint32_t>(ray_spaces.size() >= 32 ? ~uint32_t{0} : (uint32_t{1} << ray_spaces.size()) - 1);

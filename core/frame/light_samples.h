@@ -38,6 +38,7 @@ enum class SampleSource {
 /// One light's view of one frame.
 struct LightSamples {
   SampleSource source = SampleSource::kNone;
+  double pixels_per_sample = 1.0;  ///< Final-screen pixels that one low-resolution pixel covers.
   BoundarySamples boundary;
   /// Boundary samples beside depth discontinuities or without reliable derivatives (leaves, thin things),
   /// with the best guess at both: a surface that faces the viewer where nothing is known. The papers leave
