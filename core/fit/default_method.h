@@ -5,8 +5,10 @@
 
 namespace shadowfit {
 
-/// The best matrix that this library knows: the `edge` metric (expected misclassified pixels) minimised over
-/// the axis and the enclosing parallelogram together, in whitened ray coordinates.
+/// The best matrices that this library knows: the `edge` metric (expected misclassified pixels) minimised
+/// over the axis and the enclosing parallelogram together, in whitened ray coordinates; and several maps
+/// where one cannot serve the light, or where they are predicted to serve it better at the same number of
+/// texels (map_partition.h).
 class DefaultMethod : public LightMatrixMethod {
  public:
   explicit DefaultMethod(DefaultOptions options) : options_(options) {}

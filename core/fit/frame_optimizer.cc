@@ -12,6 +12,7 @@
 #include "core/bias/surface_samples.h"
 #include "core/fit/method_factory.h"
 #include "core/fit/metric.h"
+#include "core/fit/prediction.h"
 #include "core/frame/frame_sampler.h"
 
 namespace shadowfit {
@@ -138,7 +139,10 @@ DepthRange FitDepthRange(const RaySpace& ray_space, const ShadowProjection& proj
       w_high = std::max(w_high, w);
     }
   };
-  for (size_t i = 0; i < samples.hull_rays.size(); ++i) add(samples.hull_rays[i], samples.hull_along_ray[i]);
+  for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
+    // Where a light has several maps, others hold the rest.
+    if (projection.Holds(samples.hull_rays[i], 1.0)) add(samples.hull_rays[i], samples.hull_along_ray[i]);
+  }
   const double nearest_hull_w = w_low;
   for (const glm::dvec3& corner : ws_visible_corners)
     add(ray_space.RayFromPoint(corner), ray_space.AlongRay(corner));
@@ -175,15 +179,27 @@ absl::Status FindBiases(const Camera& camera, const FrameRequest& request, MapSi
   const SurfaceSamples surface = SamplesFromDepth(camera, request.depth, options.max_samples);
   for (size_t i = 0; i < summary->lights.size(); ++i) {
     if (cancellation.Requested()) return CancelledStatus(cancellation);
-    LightSummary& light = summary->lights[i];
-    const absl::StatusOr<SafeBias> bias =
-        FindSafeBias(camera, surface.ws_point, surface.ws_normal, ray_spaces[i], light.projection,
-                     light.depth_range, options);
-    if (!bias.ok()) return Within("options.safe_bias", bias.status());
-    light.safe_bias = *bias;
+    std::vector<LightMap*> maps = {&summary->lights[i]};
+    for (LightMap& map : summary->lights[i].further_maps) maps.push_back(&map);
+    for (LightMap* map : maps) {
+      const absl::StatusOr<SafeBias> bias =
+          FindSafeBias(camera, surface.ws_point, surface.ws_normal, ray_spaces[i], map->projection,
+                       map->depth_range, options);
+      if (!bias.ok()) return Within("options.safe_bias", bias.status());
+      map->safe_bias = *bias;
+    }
   }
   summary->bias_seconds = SecondsSince(start);
   return absl::OkStatus();
+}
+
+bool IsFinite(const glm::dmat4& m) { return std::isfinite(glm::dot(m * glm::dvec4(1.0), glm::dvec4(1.0))); }
+
+/// The projections of a light's maps, in the order in which they are asked.
+std::vector<ShadowProjection> ProjectionsOf(const LightSummary& light) {
+  std::vector<ShadowProjection> projections = {light.projection};
+  for (const LightMap& map : light.further_maps) projections.push_back(map.projection);
+  return projections;
 }
 
 }  // namespace
@@ -267,19 +283,27 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     result.outcome = fit->outcome;
     if (fit->note[0] != '\0') result.note = fit->note;
     result.evaluations = fit->evaluations;
-    result.projection = KeepWinding(fit->projection);
-    result.depth_range = FitDepthRange(work.ray_spaces[i], result.projection, samples, ws_visible_corners);
-    result.clip_from_world =
-        ClipFromWorld(work.ray_spaces[i], result.projection, result.depth_range, request.output_clip_depth);
-    if (!std::isfinite(glm::dot(result.clip_from_world * glm::dvec4(1.0), glm::dvec4(1.0)))) {
+    const auto map_of = [&](const ShadowProjection& projection) {
+      LightMap map;
+      map.projection = KeepWinding(projection);
+      map.depth_range = FitDepthRange(work.ray_spaces[i], map.projection, samples, ws_visible_corners);
+      map.clip_from_world =
+          ClipFromWorld(work.ray_spaces[i], map.projection, map.depth_range, request.output_clip_depth);
+      return map;
+    };
+    static_cast<LightMap&>(result) = map_of(fit->projection);
+    for (const ShadowProjection& projection : fit->further_projections) {
+      result.further_maps.push_back(map_of(projection));
+    }
+    if (!IsFinite(result.clip_from_world) ||
+        !std::all_of(result.further_maps.begin(), result.further_maps.end(),
+                     [](const LightMap& map) { return IsFinite(map.clip_from_world); })) {
       return Invalid(
           absl::StrFormat("lights[%d]: the numbers of camera and light leave the range of doubles", i));
     }
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
-      result.predicted_misclassified_pixels =
-          EdgeMetric(samples.boundary, result.projection.texel_from_ray) +
-          EdgeMetric(samples.rough_boundary, result.projection.texel_from_ray);
+      result.predicted_misclassified_pixels = PredictMisclassifiedPixels(samples, ProjectionsOf(result));
     }
     result.seconds = SecondsSince(light_start);
     summary->lights.push_back(std::move(result));

@@ -42,16 +42,24 @@ struct FrameRequest {
   MapSize screen;
   std::optional<Bounds> ws_scene_bounds;
   ClipDepth output_clip_depth = ClipDepth::kNegativeOneToOne;
-  /// Asks for LightSummary::safe_bias, which takes time of its own; its `screen` is taken from above.
+  /// Asks for LightMap::safe_bias, which takes time of its own; its `screen` is taken from above.
   std::optional<BiasOptions> safe_bias;
 };
 
-/// What was done for one light, and how good it is.
-struct LightSummary {
-  uint32_t id = 0;
+/// One shadow map.
+struct LightMap {
   glm::dmat4 clip_from_world{1.0};
   ShadowProjection projection;
   DepthRange depth_range;
+  std::optional<SafeBias> safe_bias;  ///< Where the request asks for it.
+};
+
+/// What was done for one light, and how good it is.
+struct LightSummary : LightMap {
+  uint32_t id = 0;
+  /// Further maps where options allow several: the first map that holds a point judges it, the light's own
+  /// (this) before these. Points that no map holds are lit.
+  std::vector<LightMap> further_maps;
   FitOutcome outcome = FitOutcome::kFitted;
   SampleSource sample_source = SampleSource::kNone;
   std::string note;  ///< Why a fallback was taken, or why a previous matrix was ignored; empty otherwise.
@@ -62,7 +70,6 @@ struct LightSummary {
   int hull_samples = 0;
   int evaluations = 0;
   double seconds = 0.0;               ///< This light's share: samples, fit and depth row.
-  std::optional<SafeBias> safe_bias;  ///< Where the request asks for it.
 };
 
 struct FrameSummary {

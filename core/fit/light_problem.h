@@ -44,6 +44,9 @@ enum class FitOutcome {
 
 struct LightFit {
   ShadowProjection projection;
+  /// Further maps of the light where the method makes several: the first map that holds a point judges it,
+  /// `projection` before these.
+  std::vector<ShadowProjection> further_projections;
   FitOutcome outcome = FitOutcome::kFitted;
   const char* note = "";  ///< A static string: the reason for a fallback; empty otherwise.
   int evaluations = 0;    ///< How often the objective was evaluated; 0 for methods without one.

@@ -52,21 +52,29 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
   return *middle;
 }
 
+double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
+  const glm::dvec3 r = samples.Ray(i);
+  const glm::dvec3 h_r = texel_from_ray * r;
+  if (!(h_r.z > 0.0)) return 0.0;
+  // J = w^-2 (h_dr w - h_r.xy h_dr.z), see TexelJacobian; the common factor is left to the end.
+  const glm::dvec3 h_dr1 = texel_from_ray * samples.RayDx1(i);
+  const glm::dvec3 h_dr2 = texel_from_ray * samples.RayDx2(i);
+  const glm::dvec2 j1 = glm::dvec2(h_dr1) * h_r.z - glm::dvec2(h_r) * h_dr1.z;
+  const glm::dvec2 j2 = glm::dvec2(h_dr2) * h_r.z - glm::dvec2(h_r) * h_dr2.z;
+  const double det = j1.x * j2.y - j1.y * j2.x;
+  if (det == 0.0) return 0.0;
+  // n^T J^-1, with J^-1 = adj(J) / det.
+  const double along1 = std::abs(samples.n1[i] * j2.y - samples.n2[i] * j1.y);
+  const double along2 = std::abs(samples.n2[i] * j1.x - samples.n1[i] * j2.x);
+  const double s = std::max(along1, along2);
+  const double t = std::min(along1, along2);
+  if (!(s > 0.0)) return 0.0;
+  return samples.length[i] * (0.25 * s + t * t / (12.0 * s)) * (h_r.z * h_r.z / std::abs(det));
+}
+
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
   double sum = 0.0;
-  for (size_t i = 0; i < samples.size(); ++i) {
-    const glm::dvec3 r = samples.Ray(i);
-    if (!((texel_from_ray * r).z > 0.0)) continue;
-    const glm::dmat2 jacobian = TexelJacobian(texel_from_ray, r, samples.RayDx1(i), samples.RayDx2(i));
-    const double det = glm::determinant(jacobian);
-    if (det == 0.0) continue;
-    // n^T J^-1, with J^-1 = adj(J) / det.
-    const double along1 = std::abs((samples.n1[i] * jacobian[1][1] - samples.n2[i] * jacobian[0][1]) / det);
-    const double along2 = std::abs((samples.n2[i] * jacobian[0][0] - samples.n1[i] * jacobian[1][0]) / det);
-    const double s = std::max(along1, along2);
-    const double t = std::min(along1, along2);
-    if (s > 0.0) sum += samples.length[i] * (0.25 * s + t * t / (12.0 * s));
-  }
+  for (size_t i = 0; i < samples.size(); ++i) sum += EdgeMetricOfSample(samples, i, texel_from_ray);
   return sum;
 }
 

@@ -38,4 +38,7 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 /// length of edge. Samples with h3.r <= 0 are left out.
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
 
+/// One sample's part of it; 0 where it is left out.
+double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
+
 }  // namespace shadowfit

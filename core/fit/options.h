@@ -39,10 +39,20 @@ struct PaperOptions {
   double sufficient_improvement = 0.8;
 };
 
+/// Cube faces hold any light: no light needs more.
+inline constexpr int kMostMaps = 6;
+
 /// The knobs of the default method.
 struct DefaultOptions {
   /// Let the map's width and height vary at a fixed number of texels.
   bool free_aspect = false;
+  /// Maps that one light may get, 1 to kMostMaps, sharing the texels of the one asked for, where more maps
+  /// are predicted to be better.
+  int most_maps = 1;
+  /// Whether a light whose receivers no single map holds (they span half of all directions or more) gets as
+  /// many maps as it needs, whatever `most_maps` says. False: one map holds what it can, and the fit's note
+  /// says so.
+  bool divide_where_needed = true;
   /// Weight of boundary samples beside discontinuities or without reliable derivatives.
   double rough_weight = 0.5;
   /// Samples that the search looks at; the last steps look at all.

@@ -363,16 +363,13 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
       if (!planes.Visible(pixel + step) || ((planes.Bits(pixel + step) ^ active_bits[i]) & light_bit) == 0) {
         continue;
       }
+      // Beside a discontinuity, an unknown surface or a terminator, where the light's cosine, carried on at
+      // the same rate, reaches zero within a step, the edge may be anywhere.
       const int32_t neighbour = active_of_pixel[static_cast<size_t>(pixel + step)];
-      if (neighbour < 0 || facing[i] != Facing::kTowards || !Continuous(pixel, step)) {
-        ++rough_crossings;
-        continue;
-      }
-      // A terminator: the light's cosine, carried on at the same rate, reaches zero within a step.
-      const auto n = static_cast<size_t>(neighbour);
-      if (facing[n] == Facing::kAway || facing[n] == Facing::kGrazing) continue;
-      if (facing[n] == Facing::kTowards && 2.0 * cosine[i] - cosine[n] <= 0.0) continue;
-      ++crossings;
+      const bool plain = neighbour >= 0 && facing[i] == Facing::kTowards && Continuous(pixel, step) &&
+                         facing[static_cast<size_t>(neighbour)] == Facing::kTowards &&
+                         2.0 * cosine[i] - cosine[static_cast<size_t>(neighbour)] > 0.0;
+      ++(plain ? crossings : rough_crossings);
     }
     if (crossings + rough_crossings == 0) continue;
     const EdgeDirection& edge = EdgeAt(pixel, light_bit);

@@ -40,9 +40,9 @@ struct LightSamples {
   SampleSource source = SampleSource::kNone;
   double pixels_per_sample = 1.0;  ///< Final-screen pixels that one low-resolution pixel covers.
   BoundarySamples boundary;
-  /// Boundary samples beside depth discontinuities or without reliable derivatives (leaves, thin things),
-  /// with the best guess at both: a surface that faces the viewer where nothing is known. The papers leave
-  /// them out.
+  /// Boundary samples beside depth discontinuities and terminators or without reliable derivatives (leaves,
+  /// thin things), with the best guess at both: a surface that faces the viewer where nothing is known. The
+  /// papers leave them out.
   BoundarySamples rough_boundary;
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.

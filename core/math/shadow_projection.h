@@ -32,6 +32,13 @@ struct ShadowProjection {
     const glm::dvec3 homogeneous = texel_from_ray * r;
     return {homogeneous.x / homogeneous.z, homogeneous.y / homogeneous.z, homogeneous.z};
   }
+
+  /// Whether a ray falls onto the map, or within `margin` texels of it.
+  bool Holds(const glm::dvec3& r, double margin = 0.0) const {
+    const glm::dvec3 u = TexelFromRay(r);
+    return u.z > 0.0 && u.x >= -margin && u.x <= size.width + margin && u.y >= -margin &&
+           u.y <= size.height + margin;
+  }
 };
 
 /// The range of (q - q_origin) / (h3.r) (see RaySpace) that a map's depth covers. For a point light q_origin

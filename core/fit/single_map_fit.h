@@ -1,0 +1,24 @@
+#pragma once
+
+#include "core/fit/light_problem.h"
+#include "core/fit/options.h"
+#include "core/fit/ray_hull.h"
+
+namespace shadowfit {
+
+/// The best single map of a light, and what it costs.
+struct SingleMapFit {
+  ShadowProjection projection;
+  /// The objective: expected misclassified pixels, rough samples weighted. Proportional to 1 / sqrt(texels).
+  double cost = 0.0;
+  /// Length of edge that the cost counts, in pixels; cost / length is how far a typical edge is displaced.
+  double edge_length = 0.0;
+  bool complete = true;  ///< False where no single map holds all rays; see RayHull::complete.
+  int evaluations = 0;
+};
+
+/// Global search over the axis, ring by ring and then by descent, at each axis over the enclosing
+/// parallelograms.
+SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options);
+
+}  // namespace shadowfit
