@@ -95,6 +95,15 @@ absl::Status DecodeMethod(v1::Method value, Method* out) {
   }
 }
 
+absl::Status DecodeMostMaps(uint32_t from, DefaultOptions* to) {
+  if (from > kMostMaps) {
+    return FieldError("options.most_maps", absl::StrFormat("%d is outside 0 to %d", from, kMostMaps));
+  }
+  to->most_maps = std::max(1, static_cast<int>(from));
+  to->divide_where_needed = from != 1;
+  return absl::OkStatus();
+}
+
 absl::Status DecodeBias(const v1::SafeBiasOptions& from, BiasOptions* to) {
   *to = {};
   switch (from.format()) {
@@ -293,6 +302,8 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
   status = DecodeMethod(frame.options().method(), &options->method);
   status.Update(DecodeClipDepth(frame.options().output_clip_depth(), "options.output_clip_depth",
                                 &request->output_clip_depth));
+  status.Update(DecodeMostMaps(frame.options().most_maps(), &options->standard));
+  options->standard.free_aspect = frame.options().free_aspect();
   request->safe_bias.reset();
   if (frame.options().has_safe_bias()) {
     status.Update(DecodeBias(frame.options().safe_bias(), &request->safe_bias.emplace()));

@@ -20,7 +20,7 @@ absl::Status FrameWorker::Optimize(const v1::Frame& frame, const JobContext& job
     return status;
   }
   if (memory_ == Memory::kLastFrame) Remember();
-  EncodeResult(frame.frame_id(), request_, summary_, job.queue_seconds, result);
+  EncodeResult(frame.frame_id(), summary_, job.queue_seconds, result);
   return absl::OkStatus();
 }
 

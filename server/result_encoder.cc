@@ -40,21 +40,29 @@ void EncodeBias(const SafeBias& from, v1::SafeBias* to) {
   to->set_samples(static_cast<uint32_t>(from.samples));
 }
 
+void EncodeMatrix(const glm::dmat4& from, v1::Matrix4* to) {
+  auto& m = *to->mutable_m();
+  m.Reserve(16);
+  for (int k = 0; k < 16; ++k) m.AddAlreadyReserved(from[k / 4][k % 4]);
+}
+
+void EncodeSize(MapSize from, v1::Size* to) {
+  to->set_width(static_cast<uint32_t>(from.width));
+  to->set_height(static_cast<uint32_t>(from.height));
+}
+
 }  // namespace
 
-void EncodeResult(uint64_t frame_id, const FrameRequest& request, const FrameSummary& summary,
-                  double queue_seconds, v1::FrameResult* result) {
+void EncodeResult(uint64_t frame_id, const FrameSummary& summary, double queue_seconds,
+                  v1::FrameResult* result) {
   result->Clear();
   result->set_frame_id(frame_id);
   for (size_t i = 0; i < summary.lights.size(); ++i) {
     const LightSummary& from = summary.lights[i];
     v1::LightResult& to = *result->add_lights();
     to.set_id(from.id);
-    auto& m = *to.mutable_world_to_shadow_clip()->mutable_m();
-    m.Reserve(16);
-    for (int k = 0; k < 16; ++k) m.AddAlreadyReserved(from.clip_from_world[k / 4][k % 4]);
-    to.mutable_shadow_map()->set_width(static_cast<uint32_t>(request.lights[i].map_size.width));
-    to.mutable_shadow_map()->set_height(static_cast<uint32_t>(request.lights[i].map_size.height));
+    EncodeMatrix(from.clip_from_world, to.mutable_world_to_shadow_clip());
+    EncodeSize(from.projection.size, to.mutable_shadow_map());
     to.set_predicted_misclassified_pixels(from.predicted_misclassified_pixels);
     to.set_outcome(EncodeOutcome(from.outcome));
     to.set_sample_source(EncodeSource(from.sample_source));
@@ -64,6 +72,12 @@ void EncodeResult(uint64_t frame_id, const FrameRequest& request, const FrameSum
     to.set_evaluations(static_cast<uint32_t>(from.evaluations));
     to.set_optimize_seconds(from.seconds);
     if (from.safe_bias) EncodeBias(*from.safe_bias, to.mutable_safe_bias());
+    for (const LightMap& map : from.further_maps) {
+      v1::ShadowMap& further = *to.add_further_maps();
+      EncodeMatrix(map.clip_from_world, further.mutable_world_to_shadow_clip());
+      EncodeSize(map.projection.size, further.mutable_size());
+      if (map.safe_bias) EncodeBias(*map.safe_bias, further.mutable_safe_bias());
+    }
   }
   v1::FrameTimings& timings = *result->mutable_timings();
   timings.set_queue_seconds(queue_seconds);

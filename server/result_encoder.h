@@ -7,8 +7,8 @@
 
 namespace shadowfit {
 
-/// Fills `result`, whatever it held before, with the answer to `request`.
-void EncodeResult(uint64_t frame_id, const FrameRequest& request, const FrameSummary& summary,
-                  double queue_seconds, v1::FrameResult* result);
+/// Fills `result`, whatever it held before, with the answer to frame `frame_id`.
+void EncodeResult(uint64_t frame_id, const FrameSummary& summary, double queue_seconds,
+                  v1::FrameResult* result);
 
 }  // namespace shadowfit

@@ -70,19 +70,32 @@ LightSet ParseKind(const std::string& text, int lights) {
   return set;
 }
 
-/// A method's name, or "default:aspect".
+/// A method's name; "default" may be followed by ":aspect", ":1map" and ":2maps" to ":6maps".
 MethodVariant ParseMethod(const std::string& text, MapSize map_size) {
   MethodVariant variant{text, {}, map_size};
-  const bool free_aspect = text == "default:aspect";
-  const auto method = MethodFromName(free_aspect ? "default" : text);
-  if (!method) {
-    std::vector<std::string> names = {"default:aspect"};
-    for (const Method known : AllMethods()) names.emplace_back(MethodName(known));
+  const std::vector<std::string> parts = absl::StrSplit(text, ':');
+  const auto method = MethodFromName(parts[0]);
+  bool known = method.has_value() && (parts.size() == 1 || *method == Method::kDefault);
+  for (size_t i = 1; i < parts.size(); ++i) {
+    int maps = 0;
+    if (parts[i] == "aspect") {
+      variant.options.standard.free_aspect = true;
+    } else if (absl::SimpleAtoi(parts[i].substr(0, 1), &maps) && maps >= 1 && maps <= kMostMaps &&
+               parts[i].substr(1) == (maps == 1 ? "map" : "maps")) {
+      variant.options.standard.most_maps = maps;
+      variant.options.standard.divide_where_needed = maps > 1;
+    } else {
+      known = false;
+    }
+  }
+  if (!known) {
+    std::vector<std::string> names;
+    for (const Method method_name : AllMethods()) names.emplace_back(MethodName(method_name));
     throw CLI::ValidationError("--methods",
-                               absl::StrCat("\"", text, "\" is none of ", absl::StrJoin(names, ", ")));
+                               absl::StrCat("\"", text, "\" is none of ", absl::StrJoin(names, ", "),
+                                            ", nor default followed by :aspect, :1map or :2maps to :6maps"));
   }
   variant.options.method = *method;
-  variant.options.standard.free_aspect = free_aspect;
   return variant;
 }
 
@@ -165,7 +178,8 @@ void AddCompareCommand(CLI::App& app) {
   command
       ->add_option(
           "--methods", arguments->methods,
-          "Methods to compare; default:aspect lets the map's aspect ratio vary at the same number of texels")
+          "Methods to compare; default:aspect lets the map's aspect ratio vary at the same number of texels, "
+          "default:2maps (to 6maps) shares them among several maps where that is better, default:1map never")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--screen", arguments->screen, "Pixels that are judged")->capture_default_str();

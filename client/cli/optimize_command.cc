@@ -36,13 +36,19 @@ std::string Words(std::string enum_name, const std::string& prefix) {
   return enum_name;
 }
 
+/// "512x512", or "300x300 +2" of a light with two further maps.
+std::string MapColumn(const v1::LightResult& light) {
+  std::string column = absl::StrCat(light.shadow_map().width(), "x", light.shadow_map().height());
+  if (light.further_maps_size() > 0) absl::StrAppend(&column, " +", light.further_maps_size());
+  return column;
+}
+
 void PrintTable(const v1::FrameResult& result) {
   absl::PrintF("%10s  %-13s  %11s  %-15s  %9s  %6s  %12s  %8s  %s\n", "light", "outcome", "map", "samples",
                "boundary", "hull", "wrong pixels", "ms", "note");
   for (const v1::LightResult& light : result.lights()) {
     absl::PrintF("%10d  %-13s  %11s  %-15s  %9d  %6d  %12.1f  %8.3f  %s\n", light.id(),
-                 Words(v1::FitOutcome_Name(light.outcome()), "FIT_OUTCOME_"),
-                 absl::StrCat(light.shadow_map().width(), "x", light.shadow_map().height()),
+                 Words(v1::FitOutcome_Name(light.outcome()), "FIT_OUTCOME_"), MapColumn(light),
                  Words(v1::SampleSource_Name(light.sample_source()), "SAMPLE_SOURCE_"),
                  light.boundary_samples(), light.hull_samples(), light.predicted_misclassified_pixels(),
                  light.optimize_seconds() * 1e3, light.note());

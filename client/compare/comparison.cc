@@ -110,7 +110,9 @@ MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const Li
   record.boundary_samples = fit.boundary_samples;
   record.evaluations = fit.evaluations;
   record.note = fit.note;
-  const absl::StatusOr<int> wrong = WrongPixels(truth, view, light, {&fit.projection, 1});
+  std::vector<ShadowProjection> projections = {fit.projection};
+  for (const LightMap& map : fit.further_maps) projections.push_back(map.projection);
+  const absl::StatusOr<int> wrong = WrongPixels(truth, view, light, projections);
   if (wrong.ok()) {
     record.wrong_pixels = *wrong;
   } else {

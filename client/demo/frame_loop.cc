@@ -200,6 +200,7 @@ absl::Status FrameLoop::Submit(const CameraMatrices& camera) {
     Encode(bounds.max, frame->mutable_scene_bounds()->mutable_max());
   }
   frame->mutable_options()->set_method(options_.method);
+  frame->mutable_options()->set_most_maps(1);  // The renderer has one map a light.
   frame->mutable_options()->set_output_clip_depth(v1::CLIP_DEPTH_NEGATIVE_ONE_TO_ONE);
   return stream_->Submit(frame);
 }

@@ -69,7 +69,7 @@ struct LightSummary : LightMap {
   int boundary_samples = 0;
   int hull_samples = 0;
   int evaluations = 0;
-  double seconds = 0.0;               ///< This light's share: samples, fit and depth row.
+  double seconds = 0.0;  ///< This light's share: samples, fit and depth row.
 };
 
 struct FrameSummary {

@@ -65,6 +65,12 @@ double Total(const std::vector<double>& costs) {
   return sum * std::sqrt(sum);
 }
 
+std::vector<double> CostsOf(const std::vector<Part>& parts) {
+  std::vector<double> costs;
+  for (const Part& part : parts) costs.push_back(part.fit.cost);
+  return costs;
+}
+
 class Partitioner {
  public:
   Partitioner(const LightProblem& problem, const DefaultOptions& options)
@@ -81,19 +87,25 @@ class Partitioner {
     std::vector<Part> parts(1);
     parts[0].samples = *problem_.samples;
     parts[0].fit = Fit(parts[0].samples, problem_.map_size, options_);
-    const auto incomplete = [](const Part& part) { return !part.fit.complete; };
+    const auto unusable = [](const Part& part) { return !part.fit.usable; };
     const bool has_rays = !problem_.samples->hull_rays.empty();
-    if (options_.divide_where_needed && has_rays) {
-      while (parts.size() < kMostMaps && std::any_of(parts.begin(), parts.end(), incomplete)) {
+    auto most = static_cast<size_t>(options_.most_maps);
+    if (options_.divide_where_needed && has_rays && unusable(parts[0])) {
+      if (most == 1) most = kMostMaps;
+      while (parts.size() < most && std::any_of(parts.begin(), parts.end(), unusable)) {
         if (!DivideWorst(&parts)) break;
       }
-      if (std::any_of(parts.begin(), parts.end(), incomplete)) DivideIntoCubeFaces(&parts);
     }
     // Without an edge there is nothing to gain.
     const bool has_edges = problem_.samples->source == SampleSource::kShadowBoundary;
-    while (has_edges && parts.size() < static_cast<size_t>(options_.most_maps) &&
-           std::none_of(parts.begin(), parts.end(), incomplete)) {
+    while (has_edges && parts.size() < most && std::none_of(parts.begin(), parts.end(), unusable)) {
       if (!DivideWorst(&parts)) break;
+    }
+    // Planes one after the other leave long lunes of what surrounds the light: cube faces may do better.
+    if (parts.size() > 1 && most == kMostMaps) {
+      std::vector<Part> faces = CubeFaces();
+      const bool must = std::any_of(parts.begin(), parts.end(), unusable);
+      if (must || Total(CostsOf(faces)) < Total(CostsOf(parts))) parts = std::move(faces);
     }
     return Finish(std::move(parts));
   }
@@ -144,16 +156,24 @@ class Partitioner {
     };
     std::vector<Choice> choices;
     constexpr int kDirections = 12;
-    constexpr int kOffsets = 7;
     std::vector<double> along(points.size());
     std::vector<glm::dvec2> sides[2];
     for (int k = 0; k < kDirections; ++k) {
       const double angle = std::numbers::pi * k / kDirections;
       const glm::dvec2 normal(std::cos(angle), std::sin(angle));
       for (size_t i = 0; i < points.size(); ++i) along[i] = glm::dot(normal, points[i].texel);
-      const auto [low, high] = std::minmax_element(along.begin(), along.end());
-      for (int j = 1; j <= kOffsets; ++j) {
-        const double offset = glm::mix(*low, *high, static_cast<double>(j) / (kOffsets + 1));
+      // Offsets even over the extent, which finds gaps, and over the points, which serves wide parts, whose
+      // maps hold most of them in a few texels.
+      std::vector<double> sorted = along;
+      std::sort(sorted.begin(), sorted.end());
+      std::vector<double> offsets;
+      for (const double share : {0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875}) {
+        offsets.push_back(glm::mix(sorted.front(), sorted.back(), share));
+      }
+      for (const double share : {0.25, 0.5, 0.75}) {
+        offsets.push_back(sorted[static_cast<size_t>(share * static_cast<double>(sorted.size()))]);
+      }
+      for (const double offset : offsets) {
         double weight[2] = {0.0, 0.0};
         for (std::vector<glm::dvec2>& side : sides) side.clear();
         for (size_t i = 0; i < points.size(); ++i) {
@@ -194,17 +214,16 @@ class Partitioner {
     for (size_t i = 1; i < parts->size(); ++i) {
       const Part& part = (*parts)[i];
       const Part& so_far = (*parts)[worst];
-      if (part.fit.complete != so_far.fit.complete ? !part.fit.complete : part.fit.cost > so_far.fit.cost)
+      if (part.fit.usable != so_far.fit.usable ? !part.fit.usable : part.fit.cost > so_far.fit.cost)
         worst = i;
     }
     Part& part = (*parts)[worst];
-    const bool must = !part.fit.complete;
-    std::vector<double> costs;
-    for (const Part& other : *parts) costs.push_back(other.fit.cost);
+    const bool must = !part.fit.usable;
+    std::vector<double> costs = CostsOf(*parts);
     const double before = Total(costs);
 
     double least = must ? std::numeric_limits<double>::infinity() : before * (1.0 - kLeastGain);
-    int most_complete = -1;
+    int most_usable = -1;
     std::vector<Part> best;
     for (const glm::dvec3& plane : must ? WidePlanes() : NarrowPlanes(part)) {
       std::vector<LightSamples> halves = DivideByPlane(part.samples, plane);
@@ -212,17 +231,17 @@ class Partitioner {
       std::vector<Part> tried(2);
       costs[worst] = 0.0;
       std::vector<double> with = costs;
-      int complete = 0;
+      int usable = 0;
       for (size_t side = 0; side < 2; ++side) {
         tried[side].samples = std::move(halves[side]);
         tried[side].fit = Fit(tried[side].samples, problem_.map_size, quick_);
         with.push_back(tried[side].fit.cost);
-        complete += tried[side].fit.complete ? 1 : 0;
+        usable += tried[side].fit.usable ? 1 : 0;
       }
       const double total = Total(with);
-      if (must ? complete > most_complete || (complete == most_complete && total < least)
-               : complete == 2 && total < least) {
-        most_complete = complete;
+      if (must ? usable > most_usable || (usable == most_usable && total < least)
+               : usable == 2 && total < least) {
+        most_usable = usable;
         least = total;
         best = std::move(tried);
       }
@@ -233,15 +252,16 @@ class Partitioner {
     return true;
   }
 
-  void DivideIntoCubeFaces(std::vector<Part>* parts) {
-    parts->clear();
+  std::vector<Part> CubeFaces() {
+    std::vector<Part> parts;
     for (LightSamples& samples : Divide(*problem_.samples, 6, CubeFace)) {
       if (samples.hull_rays.empty()) continue;
       Part part;
       part.samples = std::move(samples);
       part.fit = Fit(part.samples, problem_.map_size, quick_);
-      parts->push_back(std::move(part));
+      parts.push_back(std::move(part));
     }
+    return parts;
   }
 
   /// Shares the texels out and fits the parts in full.

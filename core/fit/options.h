@@ -50,8 +50,8 @@ struct DefaultOptions {
   /// are predicted to be better.
   int most_maps = 1;
   /// Whether a light whose receivers no single map holds (they span half of all directions or more) gets as
-  /// many maps as it needs, whatever `most_maps` says. False: one map holds what it can, and the fit's note
-  /// says so.
+  /// many maps as it needs: at most `most_maps` where that allows several, else at most kMostMaps. False: one
+  /// map holds what it can, and the fit's note says so.
   bool divide_where_needed = true;
   /// Weight of boundary samples beside discontinuities or without reliable derivatives.
   double rough_weight = 0.5;

@@ -133,7 +133,10 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
 
   SingleMapFit fit;
   fit.complete = hull.complete;
-  fit.cost = best.result.cost;
+  // Sums of costs stay finite.
+  constexpr double kMostCost = 1e60;
+  fit.usable = fit.complete && best.result.cost < kMostCost;
+  fit.cost = std::min(best.result.cost, kMostCost);
   for (const BoundarySamples* boundary : {&problem.samples->boundary, &problem.samples->rough_boundary}) {
     for (const double length : boundary->length) fit.edge_length += length;
   }

@@ -240,6 +240,8 @@ const std::vector<Malformed>& Table() {
        [](Frame& f) {
          GiveBounds(f, {0, 0, 0}, {1, 1, kInfinity});
        }},
+      {"more maps a light than there are cube faces", "options.most_maps",
+       [](v1::Frame& f) { f.mutable_options()->set_most_maps(7); }},
       {"unknown method", "options.method",
        [](Frame& f) { f.mutable_options()->set_method(static_cast<v1::Method>(99)); }},
       {"unknown output convention", "options.output_clip_depth",
