@@ -1,12 +1,36 @@
 #include "core/fit/default_method.h"
 
+#include <array>
+#include <optional>
+
 #include "core/fit/map_partition.h"
+#include "core/fit/prediction.h"
+#include "core/fit/rescale_previous.h"
 
 namespace shadowfit {
+namespace {
+
+/// Fraction of width and height left free on each side where a kept matrix is rescaled to hold this frame's
+/// samples: until they have moved through it, the next frames need not rescale again.
+constexpr double kBorder = 0.02;
+
+}  // namespace
 
 absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
   const MapPartition partition = PartitionMaps(problem, options_);
   LightFit fit;
+  if (partition.maps.size() == 1 && partition.maps[0].complete && problem.previous != nullptr) {
+    const std::optional<ShadowProjection> kept = RescaleToHold(
+        *problem.previous, partition.maps[0].projection.size, problem.samples->hull_rays, kBorder);
+    const std::array fresh = {partition.maps[0].projection};
+    if (kept && PredictMisclassifiedPixels(*problem.samples, {&*kept, 1}) <=
+                    options_.keep_within * PredictMisclassifiedPixels(*problem.samples, fresh)) {
+      fit.projection = *kept;
+      fit.outcome = FitOutcome::kKeptPrevious;
+      fit.evaluations = partition.maps[0].evaluations;
+      return fit;
+    }
+  }
   fit.projection = partition.maps[0].projection;
   for (const SingleMapFit& map : partition.maps) {
     fit.evaluations += map.evaluations;

@@ -30,6 +30,7 @@ class AxisChart {
     const glm::dvec2 d = y / radius;
     return d * (Reach(d) * -std::expm1(-radius));
   }
+  /// Axes beyond the cone's rim come out just within it.
   glm::dvec2 ChartOf(const glm::dvec2& axis) const {
     const double length = glm::length(axis);
     if (!(length > 0.0)) return glm::dvec2(0.0);
@@ -115,6 +116,15 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
     for (int k = 0; k < options.search_directions; ++k) {
       const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / options.search_directions;
       const glm::dvec2 y = radius * glm::dvec2(std::cos(angle), std::sin(angle));
+      starts.push_back({y, search.Evaluate(chart.AxisAt(y))});
+    }
+  }
+  if (problem.previous != nullptr) {
+    // A row vector h of ray space is h T^-1 in whitened coordinates.
+    const glm::dvec3 axis =
+        glm::transpose(glm::inverse(samples.whitened_from_ray)) * problem.previous->Axis();
+    if (axis.z > 0.0) {
+      const glm::dvec2 y = chart.ChartOf(glm::dvec2(axis) / axis.z);
       starts.push_back({y, search.Evaluate(chart.AxisAt(y))});
     }
   }

@@ -14,8 +14,8 @@ struct SingleMapFit {
   /// Length of edge that the cost counts, in pixels; cost / length is how far a typical edge is displaced.
   double edge_length = 0.0;
   bool complete = true;  ///< False where no single map holds all rays; see RayHull::complete.
-  /// False also where the map that does has texels of too different widths to be of use: receivers span nearly
-  /// half of all directions.
+  /// False also where the map that does has texels of too different widths to be of use: receivers span
+  /// nearly half of all directions.
   bool usable = true;
   int evaluations = 0;
 };

@@ -344,6 +344,31 @@ TEST(PaperMethod, KeepsThePreviousMatrixUntilTheMedianImproves) {
   EXPECT_EQ(Optimize(frame.request).lights[0].outcome, FitOutcome::kFitted);
 }
 
+TEST(DefaultMethod, KeepsThePreviousMatrixWhileItIsNearlyAsGood) {
+  OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})});
+  const FrameSummary fresh = Optimize(frame.request, Method::kDefault);
+  ASSERT_EQ(fresh.lights[0].outcome, FitOutcome::kFitted);
+  const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+  // A map of the same axis and `factor` times the extent gets about `factor` times as many pixels wrong.
+  const auto outcome_after = [&](double factor) {
+    ShadowProjection loose = fresh.lights[0].projection;
+    const double shift = 0.5 * (1.0 - 1.0 / factor) * loose.size.width;
+    loose.texel_from_ray = glm::dmat3(glm::dvec3(1.0 / factor, 0, 0), glm::dvec3(0, 1.0 / factor, 0),
+                                      glm::dvec3(shift, shift, 1)) *
+                           loose.texel_from_ray;
+    frame.request.lights[0].previous_clip_from_world =
+        ClipFromWorld(space, loose, fresh.lights[0].depth_range, ClipDepth::kNegativeOneToOne);
+    const FrameSummary next = Optimize(frame.request, Method::kDefault);
+    // Never predicted worse than what the knob allows.
+    EXPECT_LT(next.lights[0].predicted_misclassified_pixels,
+              (DefaultOptions{}.keep_within + 0.01) * fresh.lights[0].predicted_misclassified_pixels);
+    return next.lights[0].outcome;
+  };
+  EXPECT_EQ(outcome_after(1.0), FitOutcome::kKeptPrevious);
+  EXPECT_EQ(outcome_after(1.05), FitOutcome::kKeptPrevious);
+  EXPECT_EQ(outcome_after(1.2), FitOutcome::kFitted);
+}
+
 TEST(PaperMethod, IgnoresAPreviousMatrixOfAnotherLightAndSaysSo) {
   OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})});
   const glm::dmat4 matrix = Optimize(frame.request).lights[0].clip_from_world;
