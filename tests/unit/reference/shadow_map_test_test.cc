@@ -62,6 +62,26 @@ ShadowProjection MapOf(const LightStudy& light, int size) {
   return projection;
 }
 
+TEST(ShadowMapTestTest, ATessellatedTroughDoesNotShadowItself) {
+  // A half pipe of 24 flat strips under the sun at noon: its neighbours rise above every strip's plane, and
+  // hide nothing of it. A coarse map sees strip and neighbour in one texel.
+  Scene scene = SceneOf({}, {});
+  constexpr int kStrips = 24;
+  const auto rim = [](int i) {
+    const double angle = M_PI * (1.0 + static_cast<double>(i) / kStrips);
+    return glm::vec3(0.0, 2.0 * std::cos(angle), 2.0 + 2.0 * std::sin(angle));
+  };
+  for (int i = 0; i < kStrips; ++i)
+    AddQuad(&scene, rim(i) - glm::vec3(4, 0, 0), {8, 0, 0}, rim(i + 1) - rim(i));
+  const TruthScene truth = *TruthScene::Create(scene);
+  const Camera camera = *Camera::Create(LookAt({-6, 0, 5}, {0, 0, 0.5}));
+  const ViewStudy view = ViewStudy::Create(truth, camera, {200, 200}, {64, 64});
+  const LightStudy study = *LightStudy::Create(truth, view, DirectionalLight{{0.05, 0.02, -1.0}});
+  ASSERT_GT(study.concerned_pixels, 3000);
+  const ShadowProjection map = CenteredMap(64, 8.0);
+  EXPECT_LT(*WrongPixels(truth, view, study, {&map, 1}), study.concerned_pixels / 100);
+}
+
 TEST(ShadowMapTestTest, WrongPixelsFallWithTheSquareRootOfTheTexels) {
   const Fixture court = MakeCourtyard(300);
   for (const Light& light :
