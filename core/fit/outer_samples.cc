@@ -23,8 +23,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr double kRounding = 1e-12;
 
 /// Which of `count` rays are not strictly on the positive side of all `sides` covectors, together with their
-/// footprint r +- dx1 +- dx2 where dx1 is not null. A covector is linear, so that the least of the five
-/// values is c.r - |c.dx1| - |c.dx2|. Rays are x, y, z in turn. Returns how many indices were written.
+/// footprint r +- dx1/2 +- dx2/2 where dx1 is not null. A covector is linear, so that the least of the five
+/// values is c.r - (|c.dx1| + |c.dx2|) / 2. Rays are x, y, z in turn. Returns how many indices were written.
 size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, size_t count,
                      const double (*covectors)[3], size_t sides, int32_t* outside) {
   const hn::CappedTag<double, 8> d;
@@ -48,8 +48,8 @@ size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, s
     const auto size = hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), hn::Abs(z));
     auto inside = hn::Eq(hn::Zero(d), hn::Zero(d));
     for (size_t side = 0; side < sides; ++side) {
-      const auto least = hn::Sub(hn::Sub(along(side, x, y, z), hn::Abs(along(side, x1, y1, z1))),
-                                 hn::Abs(along(side, x2, y2, z2)));
+      const auto reach = hn::Add(hn::Abs(along(side, x1, y1, z1)), hn::Abs(along(side, x2, y2, z2)));
+      const auto least = hn::Sub(along(side, x, y, z), hn::Mul(hn::Set(d, 0.5), reach));
       const double largest = std::max(
           {std::abs(covectors[side][0]), std::abs(covectors[side][1]), std::abs(covectors[side][2])});
       // False for NaN.

@@ -27,7 +27,7 @@ double PredictMisclassifiedPixels(const LightSamples& samples,
   for (size_t i = 0; i < samples.rough_boundary.size(); ++i) {
     rough += std::min(OfSample(samples.rough_boundary, i, projections), most);
   }
-  return reliable + 0.5 * rough;
+  return kUnsampled * (reliable + 0.5 * rough);
 }
 
 }  // namespace shadowfit

@@ -47,15 +47,16 @@ struct LightSamples {
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.
   /// Derivatives of the hull rays along screen x and y, per low-resolution pixel: with them the hull samples'
-  /// footprints, one pixel to every side, within which lies all shadow that fell between samples.
+  /// footprints, the pixels themselves, over which the shadow that each stands for extends.
   std::vector<glm::dvec3> hull_rays_dx1;
   std::vector<glm::dvec3> hull_rays_dx2;
 
   /// A corner, 0 to 3, of a hull sample's footprint.
   glm::dvec3 FootprintCorner(size_t i, int corner) const {
     const glm::dvec3 along1 = (corner & 1) != 0 ? hull_rays_dx1[i] : -hull_rays_dx1[i];
-    return hull_rays[i] + along1 + ((corner & 2) != 0 ? hull_rays_dx2[i] : -hull_rays_dx2[i]);
+    return hull_rays[i] + 0.5 * (along1 + ((corner & 2) != 0 ? hull_rays_dx2[i] : -hull_rays_dx2[i]));
   }
+
   void Clear();
 };
 
