@@ -86,7 +86,7 @@ void AddSamples(const BoundarySamples& samples, double weight, double texel, dou
     const glm::dvec3 edge = glm::cross(p, -samples.n2[i] * dp1 + samples.n1[i] * dp2);
     const glm::dvec3 full = edge * (samples.length[i] * p.z / det);
     // The covector at the axis (0, 0, 1) is (E1, E2).
-    const double length = std::hypot(full.x, full.y);
+    const double length = std::sqrt(full.x * full.x + full.y * full.y);
     const glm::dvec3 e = full * (length > most_length ? weight * most_length / length : weight);
     if (!std::isfinite(e.x) || !std::isfinite(e.y) || !std::isfinite(e.z)) continue;
     whitened->x.push_back(static_cast<float>(p.x / p.z));

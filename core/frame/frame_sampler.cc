@@ -84,6 +84,7 @@ struct FrameSampler::Workspace {
   glm::dvec2 pixels_per_sample{0.0};               ///< Final-screen pixels per low-resolution pixel.
   std::array<EdgeDirection, 512> edge_directions;  ///< By 3x3 pattern of bits; for pixels_per_sample.
   BendTolerance tolerance;
+  double ndc_per_depth = 1.0;  ///< NDC depth per window depth.
 
   // Per pixel.
   PixelPlanes planes;
@@ -97,6 +98,7 @@ struct FrameSampler::Workspace {
       active_differing;  ///< Lights whose bit differs from a neighbour's on the same surface.
   std::vector<uint32_t>
       active_rim;  ///< Lights whose shadow reaches the screen border or a discontinuity here.
+  std::vector<uint8_t> active_continuous;  ///< Bit k: the surface goes on to neighbour k.
   std::vector<Surface> surfaces;
 
   // Per light and active pixel.
@@ -120,18 +122,12 @@ struct FrameSampler::Workspace {
   bool Continuous(std::ptrdiff_t i, std::ptrdiff_t step) const {
     return Smooth(i, step) || Smooth(i + step, step);
   }
-  void AddActive(std::ptrdiff_t i, uint32_t bits, uint32_t differing, uint32_t rim);
+  void AddActive(std::ptrdiff_t i, uint32_t bits, uint32_t differing, uint32_t rim, uint8_t continuous);
   void FindActive();
   void AddAllVisible(size_t stride);
   void UnprojectActive();
-  double NdcDepth(std::ptrdiff_t i) const {
-    const std::ptrdiff_t row = i / planes.stride;
-    return NdcFromWindowDepth(camera->clip_depth(),
-                              static_cast<double>(depth.At(static_cast<int>(i - row * planes.stride - 1),
-                                                           static_cast<int>(row - 1))));
-  }
   /// Derivative of NDC depth along an axis; false where neither side can be trusted.
-  bool DepthDerivative(std::ptrdiff_t i, std::ptrdiff_t step, double* derivative) const;
+  bool DepthDerivative(int x, int y, int dx, int dy, double* derivative) const;
   Surface Unproject(std::ptrdiff_t i) const;
   void JudgeFacing(const RaySpace& ray_space, size_t active);
   const EdgeDirection& EdgeAt(std::ptrdiff_t i, uint32_t light_bit) const;
@@ -163,7 +159,7 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
   const bool perspective =
       std::abs(w_row.x) + std::abs(w_row.y) + std::abs(w_row.z) > 1e-12 * std::abs(w_row.w);
   const double background = BackgroundWindowDepth(convention);
-  const double ndc_per_depth = NdcFromWindowDepth(convention, 1.0) - NdcFromWindowDepth(convention, 0.0);
+  ndc_per_depth = NdcFromWindowDepth(convention, 1.0) - NdcFromWindowDepth(convention, 0.0);
   InverseDistanceLaw law;
   law.background = static_cast<float>(background);
   law.must_be_positive = perspective;
@@ -195,14 +191,17 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
   active_bits.clear();
   active_differing.clear();
   active_rim.clear();
+  active_continuous.clear();
 }
 
-void FrameSampler::Workspace::AddActive(std::ptrdiff_t i, uint32_t bits, uint32_t differing, uint32_t rim) {
+void FrameSampler::Workspace::AddActive(std::ptrdiff_t i, uint32_t bits, uint32_t differing, uint32_t rim,
+                                        uint8_t continuous) {
   active_of_pixel[static_cast<size_t>(i)] = static_cast<int32_t>(active_pixels.size());
   active_pixels.push_back(static_cast<int32_t>(i));
   active_bits.push_back(bits);
   active_differing.push_back(differing);
   active_rim.push_back(rim);
+  active_continuous.push_back(continuous);
 }
 
 void FrameSampler::Workspace::FindActive() {
@@ -210,14 +209,18 @@ void FrameSampler::Workspace::FindActive() {
     const uint32_t here = planes.Bits(i);
     uint32_t differing = 0;
     uint32_t rim = 0;
-    for (const std::ptrdiff_t step : Neighbours()) {
+    uint8_t continuous = 0;
+    const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
+    for (size_t k = 0; k < neighbours.size(); ++k) {
+      const std::ptrdiff_t step = neighbours[k];
       if (!planes.Visible(i + step) || !Continuous(i, step)) {
         rim |= here;
       } else {
         differing |= here ^ planes.Bits(i + step);
+        continuous = static_cast<uint8_t>(continuous | (1u << k));
       }
     }
-    if ((differing | rim) != 0) AddActive(i, here, differing, rim);
+    if ((differing | rim) != 0) AddActive(i, here, differing, rim, continuous);
   }
 }
 
@@ -232,16 +235,22 @@ void FrameSampler::Workspace::AddAllVisible(size_t stride) {
       const bool chosen = seen++ % stride == 0;
       bool rim = false;
       for (const std::ptrdiff_t step : Neighbours()) rim = rim || !planes.Visible(i + step);
-      if ((chosen || rim) && active_of_pixel[static_cast<size_t>(i)] < 0) AddActive(i, 0, 0, 0);
+      if ((chosen || rim) && active_of_pixel[static_cast<size_t>(i)] < 0) AddActive(i, 0, 0, 0, 0);
     }
   }
 }
 
-bool FrameSampler::Workspace::DepthDerivative(std::ptrdiff_t i, std::ptrdiff_t step,
-                                              double* derivative) const {
+bool FrameSampler::Workspace::DepthDerivative(int x, int y, int dx, int dy, double* derivative) const {
+  const std::ptrdiff_t i = planes.Index(x, y);
+  const std::ptrdiff_t step = dx + dy * planes.stride;
+  // NDC depth is an affine function of window depth.
+  const auto difference = [&](int to, int from) {
+    return ndc_per_depth * (static_cast<double>(depth.At(x + to * dx, y + to * dy)) -
+                            static_cast<double>(depth.At(x + from * dx, y + from * dy)));
+  };
   *derivative = 0.0;
   if (Smooth(i, step)) {
-    *derivative = 0.5 * (NdcDepth(i + step) - NdcDepth(i - step));
+    *derivative = 0.5 * difference(1, -1);
     return true;
   }
   // A side is trusted where the neighbour's own bend is small. Bends are NaN beside pixels without a surface
@@ -251,7 +260,7 @@ bool FrameSampler::Workspace::DepthDerivative(std::ptrdiff_t i, std::ptrdiff_t s
   const float backward = planes.Visible(i - step) ? Bend(i - step, step) : kNoSide;
   const bool use_forward = forward <= 1.0f && !(backward < forward);
   if (!use_forward && !(backward <= 1.0f)) return false;
-  *derivative = use_forward ? NdcDepth(i + step) - NdcDepth(i) : NdcDepth(i) - NdcDepth(i - step);
+  *derivative = use_forward ? difference(1, 0) : difference(0, -1);
   return true;
 }
 
@@ -259,15 +268,16 @@ Surface FrameSampler::Workspace::Unproject(std::ptrdiff_t i) const {
   const int y = static_cast<int>(i / planes.stride) - 1;
   const int x = static_cast<int>(i % planes.stride) - 1;
   const glm::dmat4& world_from_clip = camera->world_from_clip();
-  const glm::dvec4 point = camera->WsFromNdc(
-      {(x + 0.5) * 2.0 / planes.width - 1.0, (y + 0.5) * 2.0 / planes.height - 1.0, NdcDepth(i)});
+  const glm::dvec4 point =
+      camera->WsFromNdc({(x + 0.5) * 2.0 / planes.width - 1.0, (y + 0.5) * 2.0 / planes.height - 1.0,
+                         NdcFromWindowDepth(camera->clip_depth(), static_cast<double>(depth.At(x, y)))});
   Surface surface;
   const double inverse_w = 1.0 / point.w;
   surface.ws_position = glm::dvec3(point) * inverse_w;
   double dz1 = 0.0;
   double dz2 = 0.0;
-  const bool known1 = DepthDerivative(i, 1, &dz1);
-  const bool known2 = DepthDerivative(i, planes.stride, &dz2);
+  const bool known1 = DepthDerivative(x, y, 1, 0, &dz1);
+  const bool known2 = DepthDerivative(x, y, 0, 1, &dz2);
   surface.reliable = known1 && known2;
   // X = p / p.w, so dX = (dp - X dp.w) / p.w.
   const auto derivative = [&](const glm::dvec4& dp) {
@@ -359,16 +369,18 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
     const std::ptrdiff_t pixel = active_pixels[i];
     int crossings = 0;
     int rough_crossings = 0;
-    for (const std::ptrdiff_t step : Neighbours()) {
-      if (!planes.Visible(pixel + step) || ((planes.Bits(pixel + step) ^ active_bits[i]) & light_bit) == 0) {
-        continue;
-      }
+    const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
+    for (size_t k = 0; k < neighbours.size(); ++k) {
+      const std::ptrdiff_t next = pixel + neighbours[k];
+      if (((planes.Bits(next) ^ active_bits[i]) & light_bit) == 0 || !planes.Visible(next)) continue;
       // Beside a discontinuity, an unknown surface or a terminator, where the light's cosine, carried on at
       // the same rate, reaches zero within a step, the edge may be anywhere.
-      const int32_t neighbour = active_of_pixel[static_cast<size_t>(pixel + step)];
-      const bool plain = neighbour >= 0 && facing[i] == Facing::kTowards && Continuous(pixel, step) &&
-                         facing[static_cast<size_t>(neighbour)] == Facing::kTowards &&
-                         2.0 * cosine[i] - cosine[static_cast<size_t>(neighbour)] > 0.0;
+      bool plain = facing[i] == Facing::kTowards && (active_continuous[i] >> k & 1) != 0;
+      if (plain) {
+        // On one surface and in different light: the neighbour is active, and this light concerns it.
+        const auto neighbour = static_cast<size_t>(active_of_pixel[static_cast<size_t>(next)]);
+        plain = facing[neighbour] == Facing::kTowards && 2.0 * cosine[i] - cosine[neighbour] > 0.0;
+      }
       ++(plain ? crossings : rough_crossings);
     }
     if (crossings + rough_crossings == 0) continue;
