@@ -8,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include "core/fit/prediction.h"
 #include "core/fit/ray_hull.h"
 #include "core/math/convex_hull.h"
 
@@ -87,6 +88,7 @@ class Partitioner {
     std::vector<Part> parts(1);
     parts[0].samples = *problem_.samples;
     parts[0].fit = Fit(parts[0].samples, problem_.map_size, options_);
+    const SingleMapFit single = parts[0].fit;
     const auto unusable = [](const Part& part) { return !part.fit.usable; };
     const bool has_rays = !problem_.samples->hull_rays.empty();
     auto most = static_cast<size_t>(options_.most_maps);
@@ -107,7 +109,10 @@ class Partitioner {
       const bool must = std::any_of(parts.begin(), parts.end(), unusable);
       if (must || Total(CostsOf(faces)) < Total(CostsOf(parts))) parts = std::move(faces);
     }
-    return Finish(std::move(parts));
+    MapPartition partition = Finish(std::move(parts));
+    // Divisions are chosen by quick fits of their parts alone; the maps as they are may not keep the promise.
+    if (single.usable && has_edges && Predict(partition.maps) > Predict({single})) partition.maps = {single};
+    return partition;
   }
 
  private:
@@ -283,16 +288,38 @@ class Partitioner {
       size.height = std::max(1, static_cast<int>(texels / size.width));
       partition.maps.push_back(Fit(part.samples, size, options_));
     }
-    // The finest map judges what several hold.
-    std::stable_sort(partition.maps.begin(), partition.maps.end(),
-                     [](const SingleMapFit& a, const SingleMapFit& b) {
-                       return a.cost * b.edge_length < b.cost * a.edge_length;
-                     });
+    Order(&partition.maps);
     partition.maps[0].evaluations +=
         evaluations_ -
         std::accumulate(partition.maps.begin(), partition.maps.end(), 0,
                         [](int total, const SingleMapFit& map) { return total + map.evaluations; });
     return partition;
+  }
+
+  double Predict(const std::vector<SingleMapFit>& maps) const {
+    std::vector<ShadowProjection> projections;
+    for (const SingleMapFit& map : maps) projections.push_back(map.projection);
+    return PredictMisclassifiedPixels(*problem_.samples, projections);
+  }
+
+  /// Puts the maps into the order in which they judge best what several hold: the finest first, then
+  /// neighbours change places while that helps. A map's far corners may hold other parts' samples, in texels
+  /// much larger than theirs.
+  void Order(std::vector<SingleMapFit>* maps) const {
+    std::stable_sort(maps->begin(), maps->end(), [](const SingleMapFit& a, const SingleMapFit& b) {
+      return a.cost * b.edge_length < b.cost * a.edge_length;
+    });
+    double least = Predict(*maps);
+    for (size_t round = 1; round < maps->size(); ++round) {
+      for (size_t i = 0; i + 1 < maps->size(); ++i) {
+        std::swap((*maps)[i], (*maps)[i + 1]);
+        if (const double predicted = Predict(*maps); predicted < least) {
+          least = predicted;
+        } else {
+          std::swap((*maps)[i], (*maps)[i + 1]);
+        }
+      }
+    }
   }
 
   const LightProblem& problem_;

@@ -109,8 +109,7 @@ TEST(MapPartition, TwoMapsArePredictedNoWorseThanOne) {
     divided += two.lights[0].further_maps.empty() ? 0 : 1;
     const double pixels_one = one.lights[0].predicted_misclassified_pixels;
     const double pixels_two = two.lights[0].predicted_misclassified_pixels;
-    // A division is chosen by a quick fit: the full one may differ by the gain that was asked for.
-    EXPECT_LE(pixels_two, pixels_one * (1.0 + kLeastGain)) << "trial " << trial;
+    EXPECT_LE(pixels_two, pixels_one) << "trial " << trial;
     sum_one += pixels_one;
     sum_two += pixels_two;
   }
