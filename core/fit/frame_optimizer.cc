@@ -266,6 +266,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     problem.ray_space = &work.ray_spaces[i];
     problem.samples = &samples;
     problem.map_size = light.map_size;
+    problem.cancellation = &cancellation;
     problem.nearest_ndc_depth = extent.nearest_ndc_depth;
     problem.farthest_ndc_depth = extent.farthest_ndc_depth;
     problem.ws_scene_bounds = ws_scene_bounds;
@@ -279,6 +280,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
       }
     }
     const absl::StatusOr<LightFit> fit = method->Fit(problem);
+    if (cancellation.Requested()) return CancelledStatus(cancellation);
     if (!fit.ok()) return Within(absl::StrFormat("lights[%d]", i), fit.status());
     result.outcome = fit->outcome;
     if (fit->note[0] != '\0') result.note = fit->note;

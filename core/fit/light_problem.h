@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/cancellation.h"
 #include "core/frame/camera.h"
 #include "core/frame/light_samples.h"
 #include "core/math/light.h"
@@ -30,6 +31,9 @@ struct LightProblem {
   /// Bounds of the scene's casters and receivers where the caller gave them, of the visible part of the view
   /// frustum otherwise. Never empty.
   Bounds ws_scene_bounds;
+
+  /// Polled between the steps of long fits, whose answer is worthless once it is requested.
+  const Cancellation* cancellation = nullptr;
 
   /// The previous frame's projection of this light, where there was one and it was this light's.
   const ShadowProjection* previous = nullptr;

@@ -116,6 +116,8 @@ class Partitioner {
   }
 
  private:
+  bool Cancelled() const { return problem_.cancellation != nullptr && problem_.cancellation->Requested(); }
+
   SingleMapFit Fit(const LightSamples& samples, MapSize size, const DefaultOptions& options) {
     LightProblem problem = problem_;
     problem.samples = &samples;
@@ -231,6 +233,7 @@ class Partitioner {
     int most_usable = -1;
     std::vector<Part> best;
     for (const glm::dvec3& plane : must ? WidePlanes() : NarrowPlanes(part)) {
+      if (Cancelled()) return false;
       std::vector<LightSamples> halves = DivideByPlane(part.samples, plane);
       if (halves[0].hull_rays.empty() || halves[1].hull_rays.empty()) continue;
       std::vector<Part> tried(2);
