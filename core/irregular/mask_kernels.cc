@@ -56,56 +56,54 @@ HWY_INLINE float SmallestLane(VF v) { return hn::GetLane(hn::MinOfLanes(df, v));
 // ---------------------------------------------------------------------------------------------------------
 // Samples
 
-/// kLanes neighbouring pixels of one row.
+/// kLanes samples of one tile.
 struct Strip {
   VF r[3];
   VF error;  ///< Bound on the distance between r and the true surface point.
   MF sample, facing_away, outside_cone;
 };
 
-template <typename T>
-HWY_INLINE const T* RowOrPadded(const ImageView<T>& image, int x, int y, int components, T* padded) {
-  const T* row = image.Row(y) + x;
-  const int left = image.width - x;
-  if (left >= kLanes) return row;
-  for (int i = 0; i < left; ++i) padded[i] = row[i];
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  auto* floats = reinterpret_cast<float*>(padded + left);
-  for (int i = 0; i < (kLanes - left) * components; ++i) floats[i] = nan;
-  return padded;
-}
+HWY_INLINE MF NoLanes() { return hn::MaskFromVec(hn::Zero(df)); }
 
 HWY_INLINE VF CombineHalves(VH low, VH high) { return hn::Combine(df, high, low); }
 
+/// Where a tile's pixels lie against its first one, in homogeneous ray coordinates.
+struct TileOffsets {
+  alignas(64) double h[4][kPacket];
+};
+
+void SetUpOffsets(const RayFromPixel& m, TileOffsets* offsets) {
+  for (int i = 0; i < 4; ++i) {
+    for (int lane = 0; lane < kPacket; ++lane) {
+      offsets->h[i][lane] = (lane % kTileWidth) * m.col_x[i] + (lane / kTileWidth) * m.col_y[i];
+    }
+  }
+}
+
 /// Unprojection in double precision, straight into ray coordinates: the homogeneous quotient cancels digits
 /// in proportion to the ratio of far and near plane, which single precision does not have to spare.
-HWY_INLINE Strip StripFromDepth(const LightFrame& frame, const LayerSource& layer, int x, int y) {
-  float padded[kLanes];
-  const VF z = hn::LoadU(df, RowOrPadded(layer.depth, x, y, 1, padded));
+HWY_INLINE Strip StripFromDepth(const LightFrame& frame, const LayerSource& layer, VF z, const double base[4],
+                                const TileOffsets& offsets, int first) {
   Strip strip;
   strip.sample = hn::And(hn::And(hn::Ge(z, hn::Zero(df)), hn::Le(z, hn::Set(df, 1.0f))),
                          hn::Ne(z, hn::Set(df, layer.background)));
 
   const RayFromPixel& m = layer.ray_from_pixel;
-  VH half_r[3][2], half_slope[3][2];
+  VH half_r[3][2], half_inverse_w[2];
   hn::Mask<DH> half_in_cone[2] = {hn::MaskFromVec(hn::Zero(dh)), hn::MaskFromVec(hn::Zero(dh))};
   for (int half = 0; half < 2; ++half) {
     const VD depth = hn::PromoteTo(dd, half == 0 ? hn::LowerHalf(dh, z) : hn::UpperHalf(dh, z));
-    const VD pixel = hn::Iota(dd, x + half * kLanes / 2);
     VD h[4];
     for (int i = 0; i < 4; ++i) {
-      const double base = m.base[i] + static_cast<double>(y) * m.col_y[i];
-      h[i] = hn::MulAdd(depth, hn::Set(dd, m.col_z[i]),
-                        hn::MulAdd(pixel, hn::Set(dd, m.col_x[i]), hn::Set(dd, base)));
+      const VD at = hn::Load(dd, offsets.h[i] + first + half * kLanes / 2);
+      h[i] = hn::MulAdd(depth, hn::Set(dd, m.col_z[i]), hn::Add(hn::Set(dd, base[i]), at));
     }
     const VD inverse_w = hn::Div(hn::Set(dd, 1.0), h[3]);
+    half_inverse_w[half] = hn::DemoteTo(dh, inverse_w);
     VD r[3];
     for (int i = 0; i < 3; ++i) {
       r[i] = hn::Mul(h[i], inverse_w);
       half_r[i][half] = hn::DemoteTo(dh, r[i]);
-      // d(h/W)/dz = (dh/dz - r dW/dz) / W: how far the sample moves along its view ray with its depth.
-      half_slope[i][half] = hn::DemoteTo(
-          dh, hn::Mul(hn::NegMulAdd(r[i], hn::Set(dd, m.col_z[3]), hn::Set(dd, m.col_z[i])), inverse_w));
     }
     if (frame.has_cone) {
       const VD length = hn::Sqrt(hn::MulAdd(r[0], r[0], hn::MulAdd(r[1], r[1], hn::Mul(r[2], r[2]))));
@@ -114,16 +112,19 @@ HWY_INLINE Strip StripFromDepth(const LightFrame& frame, const LayerSource& laye
           hn::Gt(hn::DemoteTo(dh, hn::IfThenElseZero(in_cone, hn::Set(dd, 1.0))), hn::Zero(dh));
     }
   }
-  for (int i = 0; i < 3; ++i) strip.r[i] = CombineHalves(half_r[i][0], half_r[i][1]);
+  // d(h/W)/dz = (dh/dz - r dW/dz) / W: how far the sample moves along its view ray with its depth.
+  const VF w_slope = hn::Set(df, static_cast<float>(m.col_z[3]));
   VF slope2 = hn::Zero(df);
   for (int i = 0; i < 3; ++i) {
-    const VF s = CombineHalves(half_slope[i][0], half_slope[i][1]);
+    strip.r[i] = CombineHalves(half_r[i][0], half_r[i][1]);
+    const VF s = hn::NegMulAdd(strip.r[i], w_slope, hn::Set(df, static_cast<float>(m.col_z[i])));
     slope2 = hn::MulAdd(s, s, slope2);
   }
+  const VF inverse_w = CombineHalves(half_inverse_w[0], half_inverse_w[1]);
   const VF depth_error =
       hn::MulAdd(z, hn::Set(df, layer.depth_relative_error), hn::Set(df, layer.depth_absolute_error));
-  strip.error = hn::Mul(hn::Sqrt(slope2), depth_error);
-  strip.outside_cone = hn::MaskFromVec(hn::Zero(df));
+  strip.error = hn::Mul(hn::Mul(hn::Sqrt(slope2), hn::Abs(inverse_w)), depth_error);
+  strip.outside_cone = NoLanes();
   if (frame.has_cone) {
     strip.outside_cone = hn::Not(hn::MaskFromVec(
         CombineHalves(hn::VecFromMask(dh, half_in_cone[0]), hn::VecFromMask(dh, half_in_cone[1]))));
@@ -131,9 +132,7 @@ HWY_INLINE Strip StripFromDepth(const LightFrame& frame, const LayerSource& laye
   return strip;
 }
 
-HWY_INLINE Strip StripFromPositions(const LightFrame& frame, const LayerSource& layer, int x, int y) {
-  glm::vec3 padded[kLanes];
-  const glm::vec3* positions = RowOrPadded(layer.ws_positions, x, y, 3, padded);
+HWY_INLINE Strip StripFromPositions(const LightFrame& frame, const glm::vec3* positions) {
   HWY_ALIGN float r[3][kLanes];
   HWY_ALIGN float outside[kLanes];
   for (int i = 0; i < kLanes; ++i) {
@@ -150,15 +149,60 @@ HWY_INLINE Strip StripFromPositions(const LightFrame& frame, const LayerSource& 
   Strip strip;
   for (int i = 0; i < 3; ++i) strip.r[i] = hn::Load(df, r[i]);
   strip.error = hn::Zero(df);
-  strip.sample = hn::MaskFromVec(hn::Zero(df));
-  strip.sample = hn::Not(strip.sample);
+  strip.sample = hn::Not(NoLanes());
   strip.outside_cone = hn::Gt(hn::Load(df, outside), hn::Zero(df));
   return strip;
 }
 
-HWY_INLINE Strip LoadStrip(const LightFrame& frame, const LayerSource& layer, int x, int y) {
-  Strip strip = layer.ws_positions.bottom_row != nullptr ? StripFromPositions(frame, layer, x, y)
-                                                         : StripFromDepth(frame, layer, x, y);
+/// One tile's pixels of a picture, and `outside` for those beyond it.
+template <typename T>
+HWY_INLINE void LoadTile(const ImageView<T>& image, int x0, int y0, T* out,
+                         float outside = std::numeric_limits<float>::quiet_NaN()) {
+  if (x0 + kTileWidth <= image.width && y0 + kTileHeight <= image.height) {
+    for (int y = 0; y < kTileHeight; ++y) {
+      std::memcpy(out + y * kTileWidth, image.Row(y0 + y) + x0, kTileWidth * sizeof(T));
+    }
+    return;
+  }
+  for (int lane = 0; lane < kPacket; ++lane) {
+    const int x = x0 + lane % kTileWidth, y = y0 + lane / kTileWidth;
+    out[lane] = x < image.width && y < image.height ? image.Row(y)[x] : T(outside);
+  }
+}
+
+/// What remains when all pixels of a tile are unknown.
+struct Tile {
+  VF z[kPacket / kLanes];  ///< Window depth.
+  alignas(64) glm::vec3 positions[kPacket];
+  alignas(64) glm::vec3 normals[kPacket];
+  double base[4];  ///< Homogeneous ray coordinates of the first pixel, without its depth.
+};
+
+/// False where the tile shows background only.
+HWY_INLINE bool ReadTile(const LayerSource& layer, int x0, int y0, Tile* tile) {
+  if (layer.ws_normals.bottom_row != nullptr) LoadTile(layer.ws_normals, x0, y0, tile->normals);
+  if (layer.ws_positions.bottom_row != nullptr) {
+    LoadTile(layer.ws_positions, x0, y0, tile->positions);
+    return true;
+  }
+  HWY_ALIGN float depth[kPacket];
+  LoadTile(layer.depth, x0, y0, depth);
+  MF any = NoLanes();
+  for (int i = 0; i < kPacket / kLanes; ++i) {
+    tile->z[i] = hn::Load(df, depth + i * kLanes);
+    any = hn::Or(any, hn::And(hn::Le(tile->z[i], hn::Set(df, 1.0f)),
+                              hn::Ne(tile->z[i], hn::Set(df, layer.background))));
+  }
+  const RayFromPixel& m = layer.ray_from_pixel;
+  for (int i = 0; i < 4; ++i) tile->base[i] = m.base[i] + x0 * m.col_x[i] + y0 * m.col_y[i];
+  return !hn::AllFalse(df, any);
+}
+
+HWY_INLINE Strip LoadStrip(const LightFrame& frame, const LayerSource& layer, const Tile& tile,
+                           const TileOffsets& offsets, int first) {
+  Strip strip = layer.ws_positions.bottom_row != nullptr
+                    ? StripFromPositions(frame, tile.positions + first)
+                    : StripFromDepth(frame, layer, tile.z[first / kLanes], tile.base, offsets, first);
   const VF length2 =
       hn::MulAdd(strip.r[0], strip.r[0], hn::MulAdd(strip.r[1], strip.r[1], hn::Mul(strip.r[2], strip.r[2])));
   // Not finite: no sample. The bound keeps squares and cross products in range.
@@ -166,12 +210,10 @@ HWY_INLINE Strip LoadStrip(const LightFrame& frame, const LayerSource& layer, in
   // Rounding of r itself, of the triangle's vertices and of the plane's distance: see SetUpBlock.
   strip.error = hn::Add(strip.error, hn::MulAdd(hn::Sqrt(length2), hn::Set(df, 16.0f * kUnitRoundoff),
                                                 hn::Set(df, layer.origin_error)));
-  strip.facing_away = hn::MaskFromVec(hn::Zero(df));
+  strip.facing_away = NoLanes();
   if (layer.ws_normals.bottom_row != nullptr) {
-    glm::vec3 padded[kLanes];
-    const glm::vec3* normals = RowOrPadded(layer.ws_normals, x, y, 3, padded);
     VF n[3];
-    hn::LoadInterleaved3(df, &normals->x, n[0], n[1], n[2]);
+    hn::LoadInterleaved3(df, &tile.normals[first].x, n[0], n[1], n[2]);
     // n.(L - X) < 0, with L - X = -rotation^T r; a directional light's rays all run along its third row.
     VF along = hn::Zero(df);
     for (int row = frame.directional ? 2 : 0; row < 3; ++row) {
@@ -207,10 +249,19 @@ HWY_INLINE VI ClampedInt(VF value, int limit) {
   return hn::ConvertTo(di, hn::Min(hn::Max(value, hn::Zero(df)), hn::Set(df, static_cast<float>(limit))));
 }
 
+HWY_INLINE int ScalarClampedInt(float value, int limit) {
+  return static_cast<int>(std::min(std::max(value, 0.0f), static_cast<float>(limit)));
+}
+
 /// Row * kSubrows + subrow.
 HWY_INLINE VI SubrowOf(const Face& face, VF v) {
   const VF bin = hn::Mul(hn::Sub(v, hn::Set(df, face.v_origin)), hn::Set(df, face.v_scale));
   return hn::GatherIndex(di, face.row_of_bin.data(), ClampedInt(bin, kRowBins - 1));
+}
+
+HWY_INLINE int ScalarSubrow(const Face& face, float v) {
+  const float bin = (v - face.v_origin) * face.v_scale;
+  return face.row_of_bin[static_cast<size_t>(ScalarClampedInt(bin, kRowBins - 1))];
 }
 
 /// Row * columns + column of plane coordinate u in a row.
@@ -221,15 +272,21 @@ HWY_INLINE VI ColumnOf(const Face& face, VI row, VF u) {
   return hn::Add(hn::Mul(row, hn::Set(di, face.columns)), column);
 }
 
-constexpr int kSubrowShift = 2;
+HWY_INLINE uint32_t ScalarColumn(const Face& face, int row, float u) {
+  const auto r = static_cast<size_t>(row);
+  const int column = ScalarClampedInt((u - face.row_u_origin[r]) * face.row_u_scale[r], face.columns - 1);
+  return static_cast<uint32_t>(row * face.columns + column);
+}
+
+constexpr int kSubrowShift = 0;
 static_assert(kSubrows == 1 << kSubrowShift);
 
 HWY_INLINE VI CellOf(const Face& face, const PlaneCoordinates& p) {
   const VI subrow = SubrowOf(face, p.v);
   const VI column = ColumnOf(face, hn::ShiftRight<kSubrowShift>(subrow), p.u);
   const VI within = hn::And(subrow, hn::Set(di, kSubrows - 1));
-  return hn::Add(hn::Add(hn::ShiftLeft<kSubrowShift>(column), within),
-                 hn::Set(di, static_cast<int32_t>(face.first_cell)));
+  const VI cell = hn::Add(column, hn::Set(di, static_cast<int32_t>(face.first_cell)));
+  return hn::Add(hn::ShiftLeft<kSubrowShift>(cell), within);
 }
 
 /// Lanes whose ray leaves the cube through this face; ties go to the last axis, and each lane has one face.
@@ -252,30 +309,135 @@ HWY_INLINE MF FitsSingleFace(bool directional, const Face& face, const VF r[3]) 
                                                   hn::Le(hn::Abs(r[(face.axis + 2) % 3]), limit)));
 }
 
-/// Calls strip(x, y) for all strips of a task's rows, tile by tile: neighbours in both directions go to the
-/// same cells, while these are in the cache.
-template <typename StripFunction>
-HWY_INLINE void ForEachStrip(const SampleTask& task, const StripFunction& strip) {
-  constexpr int kTileWidth = 64, kTileHeight = 32;
-  const int width = static_cast<int>(task.padded_width);
-  for (int tile_y = task.row_begin; tile_y < task.row_end; tile_y += kTileHeight) {
-    if (task.cancellation != nullptr && task.cancellation->Requested()) return;
-    for (int tile_x = 0; tile_x < width; tile_x += kTileWidth) {
-      for (int y = tile_y; y < std::min(tile_y + kTileHeight, task.row_end); ++y) {
-        for (int x = tile_x; x < std::min(tile_x + kTileWidth, width); x += kLanes) strip(x, y);
-      }
+struct PacketBounds {
+  float u_min, u_max, v_min, v_max, farthest;
+};
+
+HWY_INLINE MF LanesOf(uint32_t bits) {
+  uint8_t bytes[8] = {static_cast<uint8_t>(bits), static_cast<uint8_t>(bits >> 8)};
+  return hn::LoadMaskBits(df, bytes);
+}
+
+/// Bounds of a packet's samples: the lanes in `bits`.
+HWY_INLINE PacketBounds BoundPacket(bool directional, const Face& face, const float* packet, uint32_t bits) {
+  VF u_min = hn::Set(df, kInfinity), v_min = u_min;
+  VF u_max = hn::Set(df, -kInfinity), v_max = u_max, farthest = u_max;
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const VF r[3] = {hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
+                     hn::Load(df, packet + 2 * kPacket + i)};
+    const PlaneCoordinates c = Project(directional, face, r);
+    const MF sample = LanesOf(bits >> i);
+    u_min = hn::IfThenElse(sample, hn::Min(u_min, c.u), u_min);
+    v_min = hn::IfThenElse(sample, hn::Min(v_min, c.v), v_min);
+    u_max = hn::IfThenElse(sample, hn::Max(u_max, c.u), u_max);
+    v_max = hn::IfThenElse(sample, hn::Max(v_max, c.v), v_max);
+    farthest = hn::IfThenElse(sample, hn::Max(farthest, c.w), farthest);
+  }
+  return {SmallestLane(u_min), LargestLane(u_max), SmallestLane(v_min), LargestLane(v_max),
+          LargestLane(farthest)};
+}
+
+HWY_INLINE void AddBounds(const PacketBounds& bounds, int face, TileCounts* counts) {
+  counts->u_min[face] = std::min(counts->u_min[face], bounds.u_min);
+  counts->u_max[face] = std::max(counts->u_max[face], bounds.u_max);
+  counts->v_min[face] = std::min(counts->v_min[face], bounds.v_min);
+  counts->v_max[face] = std::max(counts->v_max[face], bounds.v_max);
+  counts->farthest[face] = std::max(counts->farthest[face], bounds.farthest);
+}
+
+/// Enters a packet in one row of cells.
+HWY_INLINE void Enter(const Face& face, int row, const PacketBounds& bounds, uint32_t packet, uint32_t lanes,
+                      PacketEntry* entry, uint32_t* histogram, float* row_reach) {
+  const uint32_t cell = face.first_cell + ScalarColumn(face, row, bounds.u_min);
+  *entry = {bounds.u_min, bounds.v_min, -bounds.u_max, -bounds.v_max, bounds.farthest, packet, cell, lanes};
+  ++histogram[cell];
+  float& reach = row_reach[face.first_row + static_cast<uint32_t>(row)];
+  reach = std::max(reach, bounds.u_max - bounds.u_min);
+}
+
+/// Whether these samples lie close enough together to be entered.
+HWY_INLINE bool IsCompact(const Face& face, const PacketBounds& bounds) {
+  const int first = ScalarSubrow(face, bounds.v_min) / kSubrows;
+  const int last = ScalarSubrow(face, bounds.v_max) / kSubrows;
+  if (last - first >= kMostRowsOfPacket) return false;
+  const float width = bounds.u_max - bounds.u_min;
+  for (int row = first; row <= last; ++row) {
+    if (!(width * face.row_u_scale[static_cast<size_t>(row)] <= kMostColumnsOfPacket)) return false;
+  }
+  return true;
+}
+
+/// Enters some samples of a tile in the rows that they touch.
+HWY_INLINE void EnterTile(const TileTask& task, const Face& face, int face_index, const PacketBounds& bounds,
+                          uint32_t tile, uint32_t lanes, TileCounts* counts) {
+  const int first = ScalarSubrow(face, bounds.v_min) / kSubrows;
+  const int last = ScalarSubrow(face, bounds.v_max) / kSubrows;
+  for (int row = first; row <= last; ++row) {
+    Enter(face, row, bounds, row > first ? tile | kRepeated : tile, lanes,
+          &(*task.entries)[counts->entries++], task.histogram, task.row_reach);
+  }
+  counts->most_rows[face_index] = std::max(counts->most_rows[face_index], last - first + 1);
+  AddBounds(bounds, face_index, counts);
+}
+
+/// Enters a tile that shows several surfaces, each for itself; false where there are too many.
+HWY_NOINLINE bool EnterSurfaces(const TileTask& task, const Face& face, int face_index, const float* packet,
+                                uint32_t tile, uint32_t present, TileCounts* counts) {
+  HWY_ALIGN float u[kPacket], v[kPacket];
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const VF r[3] = {hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
+                     hn::Load(df, packet + 2 * kPacket + i)};
+    const PlaneCoordinates c = Project(task.frame->directional, face, r);
+    hn::Store(c.u, df, u + i);
+    hn::Store(c.v, df, v + i);
+  }
+  uint32_t surface[kMostSurfacesOfTile];
+  PacketBounds bounds[kMostSurfacesOfTile];
+  int count = 0;
+  for (uint32_t left = present; left != 0; left &= ~surface[count++]) {
+    if (count == kMostSurfacesOfTile) return false;
+    // All that is within a cell or two of one sample.
+    const int seed = std::countr_zero(left);
+    const auto row = static_cast<size_t>(ScalarSubrow(face, v[seed]) / kSubrows);
+    const float u_reach = 0.5f * kMostColumnsOfPacket / face.row_u_scale[row];
+    const float v_reach = 0.8f * (face.row_v_high[row] - face.row_v_low[row]);
+    uint32_t near = 0;
+    for (int i = 0; i < kPacket; i += kLanes) {
+      const MF near_u =
+          hn::Le(hn::Abs(hn::Sub(hn::Load(df, u + i), hn::Set(df, u[seed]))), hn::Set(df, u_reach));
+      const MF near_v =
+          hn::Le(hn::Abs(hn::Sub(hn::Load(df, v + i), hn::Set(df, v[seed]))), hn::Set(df, v_reach));
+      near |= BitsOf(hn::And(near_u, near_v)) << i;
     }
+    surface[count] = (near & left) | 1u << seed;
+    bounds[count] = BoundPacket(task.frame->directional, face, packet, surface[count]);
+    if (!IsCompact(face, bounds[count])) return false;
+  }
+  for (int i = 0; i < count; ++i) EnterTile(task, face, face_index, bounds[i], tile, surface[i], counts);
+  return true;
+}
+
+template <typename TileFunction>
+HWY_INLINE void ForEachTile(const TileTask& task, const TileFunction& function) {
+  for (int y = task.row_begin; y < task.row_end; ++y) {
+    if (task.cancellation != nullptr && task.cancellation->Requested()) return;
+    for (int x = 0; x < task.tiles_in_row; ++x) function(x, y);
   }
 }
 
-void SampleRaysImpl(const SampleTask& task, int stride, std::vector<glm::vec3>* rays) {
+void SampleRaysImpl(const TileTask& task, int stride, std::vector<glm::vec3>* rays) {
+  TileOffsets offsets;
+  SetUpOffsets(task.layer->ray_from_pixel, &offsets);
+  Tile tile;
   HWY_ALIGN float r[3][kLanes];
-  const int width = static_cast<int>(task.padded_width);
   for (int y = task.row_begin + stride / 2; y < task.row_end; y += stride) {
-    for (int x = (y / stride % 2) * kLanes; x < width; x += stride * kLanes / 2) {
-      const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
+    for (int x = (y / stride % 2) * stride / 2; x < task.tiles_in_row; x += stride) {
+      if (!ReadTile(*task.layer, x * kTileWidth, y * kTileHeight, &tile)) continue;
+      const int first = kPacket / 2 / kLanes * kLanes;
+      const Strip strip = LoadStrip(*task.frame, *task.layer, tile, offsets, first);
       for (int i = 0; i < 3; ++i) hn::Store(strip.r[i], df, r[i]);
       uint32_t bits = BitsOf(hn::AndNot(hn::Or(strip.outside_cone, strip.facing_away), strip.sample));
+      bits &= 1u << (kLanes - 1) | 1u;  // Two stand for the tile.
       for (; bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         rays->emplace_back(r[0][i], r[1][i], r[2][i]);
@@ -284,113 +446,174 @@ void SampleRaysImpl(const SampleTask& task, int stride, std::vector<glm::vec3>* 
   }
 }
 
-void BinSamplesImpl(const SampleTask& task, uint32_t* cell, uint32_t* rank, uint32_t* histogram,
-                    BinCounts* counts) {
+void SetUpTilesImpl(const TileTask& task, TileCounts* counts) {
+  const LightFrame& frame = *task.frame;
+  const LayerSource& layer = *task.layer;
   const int face_count = task.single_face ? 1 : 6;
-  VF u_min[6], u_max[6], v_min[6], v_max[6], farthest[6];
-  for (int f = 0; f < face_count; ++f) {
-    u_min[f] = v_min[f] = hn::Set(df, kInfinity);
-    u_max[f] = v_max[f] = farthest[f] = hn::Set(df, -kInfinity);
-  }
-  HWY_ALIGN uint32_t cells[kLanes];
-  ForEachStrip(task, [&](int x, int y) HWY_ATTR {
-    const size_t row = task.layer->first_pixel + static_cast<size_t>(y) * task.padded_width;
-    const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
-    VI result = hn::IfThenElse(hn::RebindMask(di, strip.facing_away),
-                               hn::Set(di, static_cast<int32_t>(task.marks.shadowed)),
-                               hn::Set(di, static_cast<int32_t>(task.marks.lit)));
-    MF wanted = hn::AndNot(hn::Or(strip.facing_away, strip.outside_cone), strip.sample);
-    counts->samples += hn::CountTrue(df, strip.sample);
-    counts->facing_away += hn::CountTrue(df, strip.facing_away);
-    counts->outside_cone += hn::CountTrue(df, strip.outside_cone);
-    if (task.single_face) {
-      const MF fits = FitsSingleFace(task.frame->directional, task.faces[0], strip.r);
-      counts->off_face += hn::CountTrue(df, hn::AndNot(fits, wanted));
-      wanted = hn::And(wanted, fits);
+  TileOffsets offsets;
+  SetUpOffsets(layer.ray_from_pixel, &offsets);
+  Tile tile;
+  ForEachTile(task, [&](int x, int y) HWY_ATTR {
+    const size_t index = layer.first_tile + static_cast<size_t>(y) * static_cast<size_t>(task.tiles_in_row) +
+                         static_cast<size_t>(x);
+    uint32_t known = 0, known_shadow = 0;
+    if (layer.known.bottom_row != nullptr) {
+      uint8_t values[kPacket];
+      LoadTile(layer.known, x * kTileWidth, y * kTileHeight, values, 0.0f);
+      for (int i = 0; i < kPacket; ++i) {
+        known |= static_cast<uint32_t>(values[i] != 0) << i;
+        known_shadow |= static_cast<uint32_t>(values[i] == 2) << i;
+      }
+      counts->known += static_cast<size_t>(std::popcount(known));
+      counts->samples += static_cast<size_t>(std::popcount(known));
     }
-    for (int f = 0; f < face_count; ++f) {
-      const Face& face = task.faces[f];
-      const MF on = task.single_face ? wanted : hn::And(wanted, OnFace(face, strip.r));
-      if (hn::AllFalse(df, on)) continue;
-      const PlaneCoordinates p = Project(task.frame->directional, face, strip.r);
-      u_min[f] = hn::IfThenElse(on, hn::Min(u_min[f], p.u), u_min[f]);
-      u_max[f] = hn::IfThenElse(on, hn::Max(u_max[f], p.u), u_max[f]);
-      v_min[f] = hn::IfThenElse(on, hn::Min(v_min[f], p.v), v_min[f]);
-      v_max[f] = hn::IfThenElse(on, hn::Max(v_max[f], p.v), v_max[f]);
-      farthest[f] = hn::IfThenElse(on, hn::Max(farthest[f], p.w), farthest[f]);
-      result = hn::IfThenElse(hn::RebindMask(di, on), CellOf(face, p), result);
-    }
-    const auto unsigned_result = hn::BitCast(du, result);
-    hn::Store(unsigned_result, du, cells);
-    hn::StoreU(unsigned_result, du, cell + row + x);
-    uint32_t* ranks = rank + row + x;
-    for (int i = 0; i < kLanes; ++i) ranks[i] = histogram[cells[i]]++;
-  });
-  for (int f = 0; f < 6; ++f) {
-    const bool used = f < face_count;
-    counts->u_min[f] = used ? SmallestLane(u_min[f]) : kInfinity;
-    counts->u_max[f] = used ? LargestLane(u_max[f]) : -kInfinity;
-    counts->v_min[f] = used ? SmallestLane(v_min[f]) : kInfinity;
-    counts->v_max[f] = used ? LargestLane(v_max[f]) : -kInfinity;
-    counts->farthest[f] = used ? LargestLane(farthest[f]) : -kInfinity;
-  }
-}
-
-void PlaceSamplesImpl(const SampleTask& task, const uint32_t* start, const uint32_t* rank,
-                      const CellMarks& mark_places, uint32_t scrap_place, uint32_t* cell_to_place,
-                      float* packets) {
-  const auto lit_mark = hn::Set(du, task.marks.lit);
-  const auto shadowed_mark = hn::Set(du, task.marks.shadowed);
-  ForEachStrip(task, [&](int x, int y) HWY_ATTR {
-    const size_t row = task.layer->first_pixel + static_cast<size_t>(y) * task.padded_width;
-    const auto cells = hn::LoadU(du, cell_to_place + row + x);
-    const auto lit = hn::Eq(cells, lit_mark);
-    const auto shadowed = hn::Eq(cells, shadowed_mark);
-    const auto marked = hn::Or(lit, shadowed);
-    auto* place_out = cell_to_place + row + x;
-    if (hn::AllTrue(du, marked)) {
-      hn::StoreU(hn::IfThenElse(lit, hn::Set(du, mark_places.lit), hn::Set(du, mark_places.shadowed)), du,
-                 place_out);
+    if (known == 0xFFFFu || !ReadTile(layer, x * kTileWidth, y * kTileHeight, &tile)) {
+      task.present[index] = 0;
+      task.facing[index] = static_cast<uint16_t>(known_shadow);
       return;
     }
-    const auto first = hn::GatherIndex(du, start, hn::BitCast(di, cells));
-    auto place = hn::Add(first, hn::LoadU(du, rank + row + x));
-    place = hn::IfThenElse(lit, hn::Set(du, mark_places.lit), place);
-    place = hn::IfThenElse(shadowed, hn::Set(du, mark_places.shadowed), place);
-    hn::StoreU(place, du, place_out);
-
-    const Strip strip = LoadStrip(*task.frame, *task.layer, x, y);
-    const auto target = hn::IfThenElse(marked, hn::Set(du, scrap_place), place);
-    // Place p is float (p / kPacket) * kPacketFloats + p % kPacket of the packets.
-    const auto lane = hn::And(target, hn::Set(du, static_cast<uint32_t>(kPacket - 1)));
-    const auto offset = hn::BitCast(di, hn::Add(hn::ShiftLeft<2>(hn::Sub(target, lane)), lane));
-    hn::ScatterIndex(strip.r[0], df, packets, offset);
-    hn::ScatterIndex(strip.r[1], df, packets + kPacket, offset);
-    hn::ScatterIndex(strip.r[2], df, packets + 2 * kPacket, offset);
-    hn::ScatterIndex(strip.error, df, packets + 3 * kPacket, offset);
+    float* packet = task.packets + index * kPacketFloats;
+    uint32_t samples = 0, facing = 0, outside = 0, fits = 0;
+    for (int i = 0; i < kPacket; i += kLanes) {
+      const Strip strip = LoadStrip(frame, layer, tile, offsets, i);
+      hn::Store(strip.r[0], df, packet + i);
+      hn::Store(strip.r[1], df, packet + kPacket + i);
+      hn::Store(strip.r[2], df, packet + 2 * kPacket + i);
+      hn::Store(strip.error, df, packet + 3 * kPacket + i);
+      samples |= BitsOf(strip.sample) << i;
+      facing |= BitsOf(strip.facing_away) << i;
+      outside |= BitsOf(strip.outside_cone) << i;
+      if (task.single_face) fits |= BitsOf(FitsSingleFace(frame.directional, task.faces[0], strip.r)) << i;
+    }
+    samples &= ~known;
+    facing &= ~known;
+    outside &= ~known;
+    const uint32_t present = samples & ~facing & ~outside;
+    task.present[index] = static_cast<uint16_t>(present);
+    task.facing[index] = static_cast<uint16_t>(facing | known_shadow);
+    counts->samples += static_cast<size_t>(std::popcount(samples));
+    counts->facing_away += static_cast<size_t>(std::popcount(facing));
+    counts->outside_cone += static_cast<size_t>(std::popcount(outside));
+    if (present == 0) return;
+    const auto number = static_cast<uint32_t>(index);
+    if (task.sort_all) {
+      counts->off_face += task.single_face ? static_cast<size_t>(std::popcount(present & ~fits)) : 0;
+      task.scattered->push_back(number);
+      return;
+    }
+    if (counts->entries + kMostEntriesOfTile > task.entries->size()) {
+      task.entries->resize(2 * task.entries->size() + 1024);
+    }
+    int f = 0;
+    if (task.single_face) {
+      if ((present & ~fits) != 0) {
+        counts->off_face += static_cast<size_t>(std::popcount(present & ~fits));
+        return;
+      }
+    } else {
+      for (; f < face_count; ++f) {
+        uint32_t on = 0;
+        for (int i = 0; i < kPacket; i += kLanes) {
+          const VF r[3] = {hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
+                           hn::Load(df, packet + 2 * kPacket + i)};
+          on |= BitsOf(OnFace(task.faces[f], r)) << i;
+        }
+        if ((present & on) != 0) {
+          if ((present & ~on) != 0) f = face_count;
+          break;
+        }
+      }
+    }
+    if (f < face_count) {
+      const PacketBounds bounds = BoundPacket(frame.directional, task.faces[f], packet, present);
+      if (IsCompact(task.faces[f], bounds)) {
+        EnterTile(task, task.faces[f], f, bounds, number, present, counts);
+        return;
+      }
+      if (EnterSurfaces(task, task.faces[f], f, packet, number, present, counts)) return;
+    }
+    task.scattered->push_back(number);
   });
 }
 
-void BoundPacketsImpl(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
-                      PacketBounds* bounds) {
-  for (uint32_t p = begin; p < end; ++p) {
-    const float* values = packets + static_cast<size_t>(p) * kPacketFloats;
-    VF u_min = hn::Set(df, kInfinity), v_min = u_min;
-    VF u_max = hn::Set(df, -kInfinity), v_max = u_max, farthest = u_max;
-    for (int i = 0; i < kPacket; i += kLanes) {
-      const VF r[3] = {hn::Load(df, values + i), hn::Load(df, values + kPacket + i),
-                       hn::Load(df, values + 2 * kPacket + i)};
-      const PlaneCoordinates c = Project(directional, face, r);
-      const MF sample = hn::Eq(r[0], r[0]);  // Not the padding, which is NaN.
-      u_min = hn::IfThenElse(sample, hn::Min(u_min, c.u), u_min);
-      v_min = hn::IfThenElse(sample, hn::Min(v_min, c.v), v_min);
-      u_max = hn::IfThenElse(sample, hn::Max(u_max, c.u), u_max);
-      v_max = hn::IfThenElse(sample, hn::Max(v_max, c.v), v_max);
-      farthest = hn::IfThenElse(sample, hn::Max(farthest, c.w), farthest);
+void BinSamplesImpl(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, uint32_t* cell,
+                    uint32_t* rank, uint32_t* histogram, TileCounts* counts) {
+  const int face_count = task.single_face ? 1 : 6;
+  const bool directional = task.frame->directional;
+  HWY_ALIGN uint32_t cells[kPacket];
+  for (size_t t = 0; t < tiles.size(); ++t) {
+    if (t % 256 == 0 && task.cancellation != nullptr && task.cancellation->Requested()) return;
+    const float* packet = task.packets + size_t{tiles[t]} * kPacketFloats;
+    const uint32_t present = task.present[tiles[t]];
+    for (int i = 0; i < kPacket; i += kLanes) hn::Store(hn::Set(du, none), du, cells + i);
+    for (int f = 0; f < face_count; ++f) {
+      const Face& face = task.faces[f];
+      uint32_t on = present;
+      if (!task.single_face) {
+        on = 0;
+        for (int i = 0; i < kPacket; i += kLanes) {
+          const VF r[3] = {hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
+                           hn::Load(df, packet + 2 * kPacket + i)};
+          on |= BitsOf(OnFace(face, r)) << i;
+        }
+        on &= present;
+      }
+      if (on == 0) continue;
+      AddBounds(BoundPacket(directional, face, packet, on), f, counts);
+      for (int i = 0; i < kPacket; i += kLanes) {
+        const VF r[3] = {hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
+                         hn::Load(df, packet + 2 * kPacket + i)};
+        const auto lanes = hn::RebindMask(du, LanesOf(on >> i));
+        const auto values = hn::BitCast(du, CellOf(face, Project(directional, face, r)));
+        hn::Store(hn::IfThenElse(lanes, values, hn::Load(du, cells + i)), du, cells + i);
+      }
     }
-    bounds[p] = {SmallestLane(u_min), SmallestLane(v_min), -LargestLane(u_max), -LargestLane(v_max),
-                 LargestLane(farthest)};
+    std::memcpy(cell + t * kPacket, cells, sizeof(cells));
+    uint32_t* ranks = rank + t * kPacket;
+    for (int i = 0; i < kPacket; ++i) ranks[i] = histogram[cells[i]]++;
   }
+}
+
+void PlaceSamplesImpl(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none,
+                      const uint32_t* start, const uint32_t* rank, uint32_t scrap_place,
+                      uint32_t* cell_to_place, float* sorted_packets) {
+  for (size_t t = 0; t < tiles.size(); ++t) {
+    if (t % 256 == 0 && task.cancellation != nullptr && task.cancellation->Requested()) return;
+    const float* packet = task.packets + size_t{tiles[t]} * kPacketFloats;
+    for (int i = 0; i < kPacket; i += kLanes) {
+      auto* place_out = cell_to_place + t * kPacket + static_cast<size_t>(i);
+      const auto cells = hn::LoadU(du, place_out);
+      const auto absent = hn::Eq(cells, hn::Set(du, none));
+      if (hn::AllTrue(du, absent)) {
+        hn::StoreU(hn::Set(du, kNoPlace), du, place_out);
+        continue;
+      }
+      const auto first = hn::GatherIndex(du, start, hn::BitCast(di, cells));
+      const auto place = hn::Add(first, hn::LoadU(du, rank + t * kPacket + static_cast<size_t>(i)));
+      hn::StoreU(hn::IfThenElse(absent, hn::Set(du, kNoPlace), place), du, place_out);
+      const auto target = hn::IfThenElse(absent, hn::Set(du, scrap_place), place);
+      // Place p is float (p / kPacket) * kPacketFloats + p % kPacket of the packets.
+      const auto lane = hn::And(target, hn::Set(du, static_cast<uint32_t>(kPacket - 1)));
+      const auto offset = hn::BitCast(di, hn::Add(hn::ShiftLeft<2>(hn::Sub(target, lane)), lane));
+      for (int row = 0; row < 4; ++row) {
+        hn::ScatterIndex(hn::Load(df, packet + row * kPacket + i), df, sorted_packets + row * kPacket,
+                         offset);
+      }
+    }
+  }
+}
+
+size_t EnterPacketsImpl(const LightFrame& frame, const Face& face, int row, uint32_t begin, uint32_t end,
+                        uint32_t first_sorted, const float* sorted_packets, const uint16_t* shadow,
+                        PacketEntry* entries, uint32_t* histogram, float* row_reach) {
+  size_t count = 0;
+  for (uint32_t p = begin; p < end; ++p) {
+    const float* packet = sorted_packets + static_cast<size_t>(p - first_sorted) * kPacketFloats;
+    const uint32_t lanes = 0xFFFFu & ~uint32_t{shadow[p]};
+    const PacketBounds bounds = BoundPacket(frame.directional, face, packet, lanes);
+    Enter(face, row, bounds, p, lanes, &entries[count++], histogram, row_reach);
+  }
+  return count;
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -642,7 +865,7 @@ HWY_NOINLINE void SetUpEnds(bool directional, int lane, BlockSetup* setup) {
 
 /// One triangle, as the test of a packet reads it.
 struct Prepared {
-  /// Padded largest u and v, and negated smallest, in the order of PacketBounds.
+  /// Padded largest u and v, and negated smallest, in the order of PacketEntry.
   alignas(16) float reach[4];
   const float* column;  ///< Row k is column[k * stride].
   int stride;
@@ -669,6 +892,12 @@ HWY_INLINE Prepared Prepare(const LightFrame& frame, const Face& face, const flo
           caster,
           uv,
           lane};
+}
+
+HWY_INLINE const float* PacketFloats(const MaskState& state, uint32_t packet) {
+  const bool sorted = packet >= state.first_sorted;
+  return (sorted ? state.sorted_packets : state.packets) +
+         static_cast<size_t>(sorted ? packet - state.first_sorted : packet) * kPacketFloats;
 }
 
 /// Of the lanes in `bits`, those where the cutout's texture is opaque.
@@ -724,12 +953,12 @@ template <bool kDirectional>
 HWY_NOINLINE void Record(const MaskState& state, const Prepared& t, uint32_t packet, uint32_t behind,
                          uint32_t on) {
   std::atomic_ref<uint16_t> shadow(state.shadow[packet]);
-  uint32_t known = shadow.load(std::memory_order_relaxed);
+  const uint32_t known = shadow.load(std::memory_order_relaxed);
   behind &= ~known;
   on &= ~known;
   if ((behind | on) == 0) return;
   if (t.caster->alpha != nullptr) {
-    const float* values = state.packets + static_cast<size_t>(packet) * kPacketFloats;
+    const float* values = PacketFloats(state, packet);
     const uint32_t opaque = OpaqueLanes<kDirectional>(t, values, behind | on);
     behind &= opaque;
     on &= opaque;
@@ -738,10 +967,7 @@ HWY_NOINLINE void Record(const MaskState& state, const Prepared& t, uint32_t pac
     if (t.caster->transmits) {
       Absorb(state, *t.caster, packet, behind);
     } else {
-      known |= shadow.fetch_or(static_cast<uint16_t>(behind), std::memory_order_relaxed) | behind;
-      if (known == 0xFFFF) {
-        std::atomic_ref<float>(state.bounds[packet].farthest).store(-kInfinity, std::memory_order_relaxed);
-      }
+      shadow.fetch_or(static_cast<uint16_t>(behind), std::memory_order_relaxed);
     }
   }
   if (on != 0) {
@@ -768,8 +994,8 @@ HWY_INLINE MF BetweenEnds(const Prepared& t, bool directional, VF x, VF y, VF z)
 }
 
 template <bool kDirectional>
-HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t packet) {
-  const float* values = state.packets + static_cast<size_t>(packet) * kPacketFloats;
+HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t packet, uint32_t lanes) {
+  const float* values = PacketFloats(state, packet);
   uint32_t behind = 0, on = 0;
   for (int i = 0; i < kPacket; i += kLanes) {
     const VF x = hn::Load(df, values + i);
@@ -796,6 +1022,8 @@ HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t p
     behind |= BitsOf(is_behind) << i;
     on |= BitsOf(is_on) << i;
   }
+  behind &= lanes;
+  on &= lanes;
   if ((behind | on) != 0) Record<kDirectional>(state, t, packet, behind, on);
 }
 
@@ -825,23 +1053,49 @@ HWY_INLINE void MeasureOutline(Outline* o) {
   }
 }
 
-HWY_INLINE int ScalarSubrow(const Face& face, float v) {
-  const float bin = (v - face.v_origin) * face.v_scale;
-  return face
-      .row_of_bin[static_cast<size_t>(std::min(std::max(bin, 0.0f), static_cast<float>(kRowBins - 1)))];
+/// All of its samples are in shadow, or there is none.
+HWY_INLINE bool IsDecided(const MaskState& state, uint32_t packet) {
+  return std::atomic_ref<uint16_t>(state.shadow[packet]).load(std::memory_order_relaxed) == 0xFFFF;
 }
 
-HWY_INLINE bool MayReach(const MaskState& state, float nearest, uint32_t packet) {
-  return nearest <= std::atomic_ref<float>(state.bounds[packet].farthest).load(std::memory_order_relaxed);
-}
-
-/// Every packet of a run.
+/// Every packet of a run of sorted samples.
 template <bool kDirectional>
 HWY_INLINE void TestRun(const MaskState& state, const Prepared& t, uint32_t first, uint32_t end) {
   if (first >= end) return;
   for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) {
-    if (MayReach(state, t.nearest, p)) TestPacket<kDirectional>(state, t, p);
+    if (!IsDecided(state, p)) TestPacket<kDirectional>(state, t, p, 0xFFFFu);
   }
+}
+
+/// Runs of entries, row by row, that a block of triangles may meet.
+struct BlockRuns {
+  static constexpr int kMostRows = 8;
+  uint32_t first[kMostRows], end[kMostRows];
+  int count = 0;
+};
+
+/// False where there are so many that looking at each triangle alone is quicker.
+HWY_INLINE bool FindBlockRuns(const MaskState& state, const Face& face, MF lanes, uint32_t triangles, VF u,
+                              VF v, VF minus_u, VF minus_v, BlockRuns* runs) {
+  constexpr uint32_t kEntriesOfTriangle = 8;
+  const VF low = hn::Set(df, -kInfinity);
+  const float u_high = LargestLane(hn::IfThenElse(lanes, u, low));
+  const float v_high = LargestLane(hn::IfThenElse(lanes, v, low));
+  const float u_low = -LargestLane(hn::IfThenElse(lanes, minus_u, low));
+  const float v_low = -LargestLane(hn::IfThenElse(lanes, minus_v, low));
+  const int first_row = ScalarSubrow(face, v_low) / kSubrows;
+  const int last_row = ScalarSubrow(face, v_high) / kSubrows;
+  if (last_row - first_row >= BlockRuns::kMostRows) return false;
+  const uint32_t* starts = state.cell_start + face.first_cell;
+  uint32_t entries = 0;
+  for (int row = first_row; row <= last_row; ++row) {
+    const uint32_t first = starts[ScalarColumn(face, row, u_low - face.row_reach[static_cast<size_t>(row)])];
+    const uint32_t end = starts[ScalarColumn(face, row, u_high) + 1];
+    runs->first[runs->count] = first;
+    runs->end[runs->count++] = end;
+    entries += end - first;
+  }
+  return entries <= kEntriesOfTriangle * triangles;
 }
 
 /// Collects pairs of triangle and packet whose bounds overlap and tests them later: the loads of the next
@@ -851,44 +1105,88 @@ class PacketQueue {
  public:
   explicit PacketQueue(const MaskState& state) : state_(state) {}
 
-  /// The packets of samples [first, end), against triangle `t`, which must outlive Flush.
-  HWY_INLINE void Add(const Prepared* t, uint32_t first, uint32_t end) {
-    if (first >= end) return;
-    const auto reach = hn::Load(d4_, t->reach);
-    for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) {
-      const auto bounds = hn::Load(d4_, &state_.bounds[p].u_min);
-      // Kept or not is hard to foretell: no branch.
-      entries_[count_] = {t, p};
-      count_ += static_cast<int>(hn::AllTrue(d4_, hn::Le(bounds, reach))) &
-                static_cast<int>(MayReach(state_, t->nearest, p));
-      hwy::Prefetch(state_.packets + static_cast<size_t>(p) * kPacketFloats);
-      if (count_ == kCapacity) Flush();
+  /// Entries [first, end) of one row, but for those with a flag in `unwanted`, against triangle `t`, which
+  /// must outlive Flush.
+  HWY_INLINE void Add(const Prepared* t, uint32_t first, uint32_t end, uint32_t unwanted) {
+    const EntryArrays& entries = state_.entries;
+    for (uint32_t e = first; e < end; e += kLanes) {
+      const auto packets = hn::LoadU(du, entries.packet + e);
+      MF keep = hn::FirstN(df, std::min<size_t>(end - e, kLanes));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.u_min + e), hn::Set(df, t->reach[0])));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.v_min + e), hn::Set(df, t->reach[1])));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.minus_u_max + e), hn::Set(df, t->reach[2])));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.minus_v_max + e), hn::Set(df, t->reach[3])));
+      keep = hn::And(keep, hn::Ge(hn::LoadU(df, entries.farthest + e), hn::Set(df, t->nearest)));
+      const auto wanted = hn::Eq(hn::And(packets, hn::Set(du, unwanted)), hn::Zero(du));
+      for (uint32_t bits = BitsOf(hn::And(keep, hn::RebindMask(df, wanted))); bits != 0; bits &= bits - 1) {
+        const uint32_t at = e + static_cast<uint32_t>(std::countr_zero(bits));
+        const uint32_t p = entries.packet[at] & ~kRepeated;
+        entries_[count_] = {t, p, entries.lanes[at]};
+        // Kept or not is hard to foretell: no branch.
+        count_ += static_cast<int>(!IsDecided(state_, p));
+        Prefetch(p);
+        if (count_ == kCapacity) Flush();
+      }
+    }
+  }
+
+  /// Entries of runs against the triangles in `lanes`, each of which has the box and `nearest` of its lane.
+  HWY_INLINE void AddBlock(const Prepared* triangles, const BlockRuns& runs, MF lanes, VF u, VF v, VF minus_u,
+                           VF minus_v, VF nearest) {
+    const EntryArrays& entries = state_.entries;
+    u = hn::IfThenElse(lanes, u, hn::Set(df, -kInfinity));
+    uint32_t unwanted = 0;
+    for (int run = 0; run < runs.count; ++run, unwanted = kRepeated) {
+      for (uint32_t e = runs.first[run]; e < runs.end[run]; ++e) {
+        MF keep = hn::Ge(u, hn::Set(df, entries.u_min[e]));
+        keep = hn::And(keep, hn::Ge(v, hn::Set(df, entries.v_min[e])));
+        keep = hn::And(keep, hn::Ge(minus_u, hn::Set(df, entries.minus_u_max[e])));
+        keep = hn::And(keep, hn::Ge(minus_v, hn::Set(df, entries.minus_v_max[e])));
+        keep = hn::And(keep, hn::Le(nearest, hn::Set(df, entries.farthest[e])));
+        uint32_t bits = BitsOf(keep);
+        const uint32_t flagged = entries.packet[e];
+        if (bits == 0 || (flagged & unwanted) != 0) continue;
+        const uint32_t p = flagged & ~kRepeated;
+        if (IsDecided(state_, p)) continue;
+        Prefetch(p);
+        const uint32_t lanes_of_entry = entries.lanes[e];
+        if (count_ + kLanes > kCapacity) Flush();
+        for (; bits != 0; bits &= bits - 1)
+          entries_[count_++] = {triangles + std::countr_zero(bits), p, lanes_of_entry};
+      }
     }
   }
 
   HWY_INLINE void Flush() {
     for (int i = 0; i < count_; ++i)
-      TestPacket<kDirectional>(state_, *entries_[i].triangle, entries_[i].packet);
+      TestPacket<kDirectional>(state_, *entries_[i].triangle, entries_[i].packet, entries_[i].lanes);
     count_ = 0;
   }
 
  private:
+  HWY_INLINE void Prefetch(uint32_t p) const {
+    const float* values = PacketFloats(state_, p);
+    for (int row = 0; row < 4; ++row) hwy::Prefetch(values + row * kPacket);
+  }
+
   static constexpr int kCapacity = 64;
   struct Entry {
     const Prepared* triangle;
     uint32_t packet;
+    uint32_t lanes;
   };
-  const hn::FixedTag<float, 4> d4_;
   const MaskState& state_;
   Entry entries_[kCapacity];
   int count_ = 0;
 };
 
-/// Rows [row_begin, row_end) of a larger outline: the range of u that it covers in each row, kLanes rows at a
-/// time. In the slab of a row the extremes are at corners inside it and where edges cross its two borders.
+/// Rows [row_begin, row_end) of a larger outline, whose first row is first_row: the range of u that it covers
+/// in each row, kLanes rows at a time. In the slab of a row the extremes are at corners inside it and where
+/// edges cross its two borders. A packet in several rows is looked at in the first of them that belongs to
+/// the outline, whose slab therefore reaches as far up as packets may.
 template <bool kDirectional>
 HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face& face, const Outline& o,
-                           int row_begin, int row_end, PacketQueue<kDirectional>* queue) {
+                           int first_row, int row_begin, int row_end, PacketQueue<kDirectional>* queue) {
   struct Edge {
     float u, v, v_end, slope;
   };
@@ -906,8 +1204,8 @@ HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face
   for (int row = row_begin; row < row_end; row += kLanes) {
     const VF slab_low =
         hn::Sub(hn::LoadU(df, &face.row_v_low[static_cast<size_t>(row)]), hn::Set(df, o.pad_v));
-    const VF slab_high =
-        hn::Add(hn::LoadU(df, &face.row_v_high[static_cast<size_t>(row)]), hn::Set(df, o.pad_v));
+    const auto top_row = static_cast<size_t>(row + face.most_rows_of_packet - 1);
+    const VF slab_high = hn::Add(hn::LoadU(df, &face.row_v_high[top_row]), hn::Set(df, o.pad_v));
     VF low = hn::Set(df, kInfinity);
     VF high = hn::Set(df, -kInfinity);
     for (int i = 0; i < o.corners; ++i) {
@@ -931,15 +1229,19 @@ HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face
     const VF origin = hn::LoadU(df, &face.row_u_origin[static_cast<size_t>(row)]);
     const VF scale = hn::LoadU(df, &face.row_u_scale[static_cast<size_t>(row)]);
     const VF pad = hn::Set(df, o.pad_u);
+    const VF reach = hn::LoadU(df, &face.row_reach[static_cast<size_t>(row)]);
     hn::Store(hn::Sub(high, low), df, span);
-    hn::Store(ClampedInt(hn::Mul(hn::Sub(hn::Sub(low, pad), origin), scale), face.columns - 1), di, first);
+    hn::Store(
+        ClampedInt(hn::Mul(hn::Sub(hn::Sub(hn::Sub(low, pad), reach), origin), scale), face.columns - 1), di,
+        first);
     hn::Store(ClampedInt(hn::Mul(hn::Sub(hn::Add(high, pad), origin), scale), face.columns - 1), di, last);
     for (int i = 0; i < std::min(kLanes, row_end - row); ++i) {
       if (!(span[i] >= 0.0f)) continue;
       const auto row_columns = static_cast<uint32_t>(row + i) * static_cast<uint32_t>(face.columns);
       const uint32_t* starts = state.cell_start + face.first_cell;
-      queue->Add(&t, starts[(row_columns + static_cast<uint32_t>(first[i])) * kSubrows],
-                 starts[(row_columns + static_cast<uint32_t>(last[i]) + 1) * kSubrows]);
+      queue->Add(&t, starts[row_columns + static_cast<uint32_t>(first[i])],
+                 starts[row_columns + static_cast<uint32_t>(last[i]) + 1],
+                 row + i > first_row ? kRepeated : 0);
     }
   }
 }
@@ -979,11 +1281,11 @@ HWY_NOINLINE void TestOutline(const MaskState& state, const Prepared& t, const F
   const int row_begin = ScalarSubrow(face, o.v_min - o.pad_v) / kSubrows;
   const int row_end = ScalarSubrow(face, o.v_max + o.pad_v) / kSubrows + 1;
   if (deferred != nullptr && row_end - row_begin > kDeferRows && deferred->size() < deferred->capacity()) {
-    const auto row_cells = static_cast<uint32_t>(face.columns * kSubrows);
-    const uint32_t samples = state.cell_start[face.first_cell + static_cast<uint32_t>(row_end) * row_cells] -
+    const auto row_cells = static_cast<uint32_t>(face.columns);
+    const uint32_t entries = state.cell_start[face.first_cell + static_cast<uint32_t>(row_end) * row_cells] -
                              state.cell_start[face.first_cell + static_cast<uint32_t>(row_begin) * row_cells];
     const float share = (o.u_max - o.u_min) / std::max(face.u_max - face.u_min, 1e-30f);
-    if (static_cast<float>(samples) * std::min(share, 1.0f) > static_cast<float>(kDeferPackets * kPacket)) {
+    if (static_cast<float>(entries) * std::min(share, 1.0f) > static_cast<float>(kDeferPackets)) {
       DeferredTriangle& d = deferred->emplace_back();
       for (int row = 0; row < kRows; ++row) d.values[row] = t.column[row * t.stride];
       std::copy(o.u, o.u + 8, d.u);
@@ -999,7 +1301,7 @@ HWY_NOINLINE void TestOutline(const MaskState& state, const Prepared& t, const F
       return;
     }
   }
-  TestRows<kDirectional>(state, t, face, o, row_begin, row_end, queue);
+  TestRows<kDirectional>(state, t, face, o, row_begin, row_begin, row_end, queue);
 }
 
 /// Clips a triangle that crosses the light's plane of this face, or spans very much of it, to the samples'
@@ -1081,7 +1383,7 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
     uint32_t valid = 0;
     for (int f = 0; f < state.face_count; ++f) {
       const Face& face = state.faces[f];
-      if (face.first_packet == face.end_packet) continue;
+      if (!face.HasSamples()) continue;
       // 1. Plane coordinates of the corners, and which triangles can be bounded by them.
       PlaneCoordinates p[3];
       VF u_low = hn::Set(df, kInfinity), u_high = hn::Set(df, -kInfinity);
@@ -1146,28 +1448,38 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
       }
       const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
 
-      // 3. Runs of packets of those that cover no more than two rows of cells, all lanes at once.
+      // 3. Small triangles that lie together: the entries of all of them, each against all lanes at once.
+      const VF box_u = hn::Add(u_high, pad), box_v = hn::Add(v_high, pad);
+      const VF box_minus_u = hn::Sub(pad, u_low), box_minus_v = hn::Sub(pad, v_low);
+      BlockRuns runs;
+      const bool together =
+          state.search == Search::kGrid && quick_bits != 0 &&
+          FindBlockRuns(state, face, LanesOf(quick_bits), static_cast<uint32_t>(std::popcount(quick_bits)),
+                        box_u, box_v, box_minus_u, box_minus_v, &runs);
+
+      // 4. Else runs of entries of those that cover no more than two rows of cells, all lanes at once.
       HWY_ALIGN uint32_t first[2][kLanes], end[2][kLanes];
       HWY_ALIGN float box[4][kLanes];
       uint32_t small_bits = 0;
-      if (state.search == Search::kGrid) {
+      if (state.search == Search::kGrid && !together) {
         const VI row_low = hn::ShiftRight<kSubrowShift>(SubrowOf(face, hn::Sub(v_low, pad)));
         const VI row_high = hn::ShiftRight<kSubrowShift>(SubrowOf(face, hn::Add(v_high, pad)));
         const auto two = hn::Gt(row_high, row_low);
         small_bits =
             quick_bits & BitsOf(hn::RebindMask(df, hn::Lt(hn::Sub(row_high, row_low), hn::Set(di, 2))));
         if (small_bits != 0) {
-          hn::Store(hn::Add(u_high, pad), df, box[0]);
-          hn::Store(hn::Add(v_high, pad), df, box[1]);
-          hn::Store(hn::Sub(pad, u_low), df, box[2]);
-          hn::Store(hn::Sub(pad, v_low), df, box[3]);
+          hn::Store(box_u, df, box[0]);
+          hn::Store(box_v, df, box[1]);
+          hn::Store(box_minus_u, df, box[2]);
+          hn::Store(box_minus_v, df, box[3]);
           const int* starts = reinterpret_cast<const int*>(state.cell_start + face.first_cell);
           for (int run = 0; run < 2; ++run) {
             const VI row = run == 0 ? row_low : row_high;
-            const VI from = ColumnOf(face, row, hn::Sub(u_low, pad));
+            const VF reach = hn::GatherIndex(df, face.row_reach.data(), row);
+            const VI from = ColumnOf(face, row, hn::Sub(hn::Sub(u_low, pad), reach));
             const VI to = hn::Add(ColumnOf(face, row, hn::Add(u_high, pad)), hn::Set(di, 1));
-            const VI low = hn::GatherIndex(di, starts, hn::ShiftLeft<kSubrowShift>(from));
-            VI high = hn::GatherIndex(di, starts, hn::ShiftLeft<kSubrowShift>(to));
+            const VI low = hn::GatherIndex(di, starts, from);
+            VI high = hn::GatherIndex(di, starts, to);
             if (run == 1) high = hn::IfThenElse(two, high, low);
             hn::Store(hn::BitCast(du, low), du, first[run]);
             hn::Store(hn::BitCast(du, high), du, end[run]);
@@ -1181,10 +1493,15 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         const bool sliver = (slivers >> i & 1u) != 0;
         if (sliver) SetUpEnds(kDirectional, lane, &setup);
         Prepared& t = prepared[i];
+        if (together && is_quick) {
+          t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
+          continue;
+        }
         if ((small_bits >> i & 1u) != 0) {
           t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
           for (int k = 0; k < 4; ++k) t.reach[k] = box[k][i];
-          for (int run = 0; run < 2; ++run) queue.Add(&t, first[run][i], end[run][i]);
+          queue.Add(&t, first[0][i], end[0][i], 0);
+          queue.Add(&t, first[1][i], end[1][i], kRepeated);
           continue;
         }
         Outline outline;
@@ -1215,6 +1532,8 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
           TestOutline<kDirectional>(state, t, face, f, outline, deferred, &queue);
         }
       }
+      if (together)
+        queue.AddBlock(prepared, runs, LanesOf(quick_bits), box_u, box_v, box_minus_u, box_minus_v, nearest);
       queue.Flush();
     }
   }
@@ -1243,36 +1562,18 @@ void WalkDeferredImpl(const MaskState& state, const DeferredTriangle& triangle, 
   Prepared t = Prepare(*state.frame, face, triangle.values, 1, triangle.sliver, triangle.caster, triangle.uv,
                        triangle.lane);
   SetReach(outline, &t);
-  const int first = std::max(row_begin, ScalarSubrow(face, outline.v_min - outline.pad_v) / kSubrows);
+  const int first_row = ScalarSubrow(face, outline.v_min - outline.pad_v) / kSubrows;
+  const int first = std::max(row_begin, first_row);
   const int end = std::min(row_end, ScalarSubrow(face, outline.v_max + outline.pad_v) / kSubrows + 1);
   if (state.frame->directional) {
     PacketQueue<true> queue(state);
-    TestRows<true>(state, t, face, outline, first, end, &queue);
+    TestRows<true>(state, t, face, outline, first_row, first, end, &queue);
     queue.Flush();
   } else {
     PacketQueue<false> queue(state);
-    TestRows<false>(state, t, face, outline, first, end, &queue);
+    TestRows<false>(state, t, face, outline, first_row, first, end, &queue);
     queue.Flush();
   }
-}
-
-size_t PackBitsImpl(const uint32_t* place, size_t padded_width, const uint16_t* bits, uint8_t* row) {
-  size_t count = 0;
-  for (size_t x = 0; x < padded_width; x += kPacket) {
-    uint32_t packed = 0;
-    for (int i = 0; i < kPacket; i += kLanes) {
-      // Two packets' bits make one aligned 32-bit word; x86 is little-endian.
-      const auto p = hn::LoadU(du, place + x + static_cast<size_t>(i));
-      const auto words =
-          hn::GatherIndex(du, reinterpret_cast<const uint32_t*>(bits), hn::BitCast(di, hn::ShiftRight<5>(p)));
-      const auto bit = hn::And(hn::Shr(words, hn::And(p, hn::Set(du, 31u))), hn::Set(du, 1u));
-      packed |= BitsOf(hn::RebindMask(df, hn::Ne(bit, hn::Zero(du)))) << i;
-    }
-    const auto half_word = static_cast<uint16_t>(packed);
-    std::memcpy(row + x / 8, &half_word, sizeof(half_word));
-    count += static_cast<size_t>(std::popcount(packed));
-  }
-  return count;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -1283,32 +1584,45 @@ HWY_AFTER_NAMESPACE();
 namespace shadowfit::irregular {
 
 HWY_EXPORT(SampleRaysImpl);
+HWY_EXPORT(SetUpTilesImpl);
 HWY_EXPORT(BinSamplesImpl);
 HWY_EXPORT(PlaceSamplesImpl);
-HWY_EXPORT(BoundPacketsImpl);
+HWY_EXPORT(EnterPacketsImpl);
 HWY_EXPORT(WalkTrianglesImpl);
 HWY_EXPORT(WalkDeferredImpl);
-HWY_EXPORT(PackBitsImpl);
 
-void SampleRays(const SampleTask& task, int stride, std::vector<glm::vec3>* rays) {
+TileCounts::TileCounts() {
+  for (int f = 0; f < 6; ++f) {
+    u_min[f] = v_min[f] = std::numeric_limits<float>::infinity();
+    u_max[f] = v_max[f] = farthest[f] = -std::numeric_limits<float>::infinity();
+  }
+}
+
+void SampleRays(const TileTask& task, int stride, std::vector<glm::vec3>* rays) {
   HWY_DYNAMIC_DISPATCH(SampleRaysImpl)(task, stride, rays);
 }
 
-void BinSamples(const SampleTask& task, uint32_t* cell, uint32_t* rank, uint32_t* histogram,
-                BinCounts* counts) {
-  HWY_DYNAMIC_DISPATCH(BinSamplesImpl)(task, cell, rank, histogram, counts);
+void SetUpTiles(const TileTask& task, TileCounts* counts) {
+  HWY_DYNAMIC_DISPATCH(SetUpTilesImpl)(task, counts);
 }
 
-void PlaceSamples(const SampleTask& task, const uint32_t* start, const uint32_t* rank,
-                  const CellMarks& mark_places, uint32_t scrap_place, uint32_t* cell_to_place,
-                  float* packets) {
+void BinSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, uint32_t* cell,
+                uint32_t* rank, uint32_t* histogram, TileCounts* counts) {
+  HWY_DYNAMIC_DISPATCH(BinSamplesImpl)(task, tiles, none, cell, rank, histogram, counts);
+}
+
+void PlaceSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, const uint32_t* start,
+                  const uint32_t* rank, uint32_t scrap_place, uint32_t* cell_to_place,
+                  float* sorted_packets) {
   HWY_DYNAMIC_DISPATCH(PlaceSamplesImpl)
-  (task, start, rank, mark_places, scrap_place, cell_to_place, packets);
+  (task, tiles, none, start, rank, scrap_place, cell_to_place, sorted_packets);
 }
 
-void BoundPackets(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
-                  PacketBounds* bounds) {
-  HWY_DYNAMIC_DISPATCH(BoundPacketsImpl)(face, directional, begin, end, packets, bounds);
+size_t EnterPackets(const LightFrame& frame, const Face& face, int row, uint32_t begin, uint32_t end,
+                    uint32_t first_sorted, const float* sorted_packets, const uint16_t* shadow,
+                    PacketEntry* entries, uint32_t* histogram, float* row_reach) {
+  return HWY_DYNAMIC_DISPATCH(EnterPacketsImpl)(frame, face, row, begin, end, first_sorted, sorted_packets,
+                                                shadow, entries, histogram, row_reach);
 }
 
 void WalkTriangles(const MaskState& state, const CasterBlocks& blocks,
@@ -1318,10 +1632,6 @@ void WalkTriangles(const MaskState& state, const CasterBlocks& blocks,
 
 void WalkDeferred(const MaskState& state, const DeferredTriangle& triangle, int row_begin, int row_end) {
   HWY_DYNAMIC_DISPATCH(WalkDeferredImpl)(state, triangle, row_begin, row_end);
-}
-
-size_t PackBits(const uint32_t* place, size_t padded_width, const uint16_t* bits, uint8_t* row) {
-  return HWY_DYNAMIC_DISPATCH(PackBitsImpl)(place, padded_width, bits, row);
 }
 
 }  // namespace shadowfit::irregular

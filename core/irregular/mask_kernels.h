@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "core/cancellation.h"
@@ -22,11 +23,22 @@ inline constexpr int kBlock = 16;
 inline constexpr int kBlockFloats = 9 * kBlock;
 /// A packet's floats: r.x, r.y, r.z and the error bound, kPacket of each.
 inline constexpr int kPacketFloats = 4 * kPacket;
+/// A packet is a tile of so many pixels, where the light sees these close together.
+inline constexpr int kTileWidth = 4;
+inline constexpr int kTileHeight = 4;
+static_assert(kTileWidth * kTileHeight == kPacket && kPacket % kTileWidth == 0);
+/// Close together means: in no more rows of cells than this ...
+inline constexpr int kMostRowsOfPacket = 3;
+/// ... and not wider than so many cells.
+inline constexpr int kMostColumnsOfPacket = 5;
+/// A tile may show so many surfaces that lie apart; where there are more, its samples are sorted one by one.
+inline constexpr int kMostSurfacesOfTile = 3;
+inline constexpr int kMostEntriesOfTile = kMostSurfacesOfTile * kMostRowsOfPacket;
 /// The v axis of a face is cut into this many equal bins, which the layout gathers into rows.
 inline constexpr int kRowBins = 4096;
 /// Each row of cells is divided into this many, so that packets of a crowded place are no taller than they
 /// are wide.
-inline constexpr int kSubrows = 4;
+inline constexpr int kSubrows = 1;
 
 /// Half an ulp of 1 in single precision.
 inline constexpr float kUnitRoundoff = 0x1p-24f;
@@ -54,62 +66,93 @@ struct LayerSource {
   DepthView depth;
   ImageView<glm::vec3> ws_positions;  ///< Used instead of depth where its pointer is not null.
   ImageView<glm::vec3> ws_normals;    ///< May be null.
+  ImageView<uint8_t> known;           ///< KnownShadow of each pixel; may be null.
   RayFromPixel ray_from_pixel;
   float background = 1.0f;            ///< Window depth that means nothing was drawn.
   float depth_absolute_error = 0.0f;  ///< Of window depth.
   float depth_relative_error = 0.0f;  ///< Of window depth.
   float origin_error = 0.0f;          ///< World units, from the rounding of coordinates around the origin.
-  size_t first_pixel = 0;             ///< Of this layer in the per-pixel arrays, whose rows are padded.
+  size_t first_tile = 0;              ///< Of this layer.
 };
 
 /// A side of the cube around a point light, or the one plane that holds all samples. In it a sample has plane
 /// coordinates u = x/w, v = y/w, with (x, y, w) its ray coordinates permuted so that w points out of the
 /// face. (Directional: u = x, v = y.) Rows are intervals of v that hold about equally many samples; each is
-/// cut into `columns` equal cells of its own range of u. Samples are stored cell after cell, so that a run of
-/// cells of one row is a run of samples.
+/// cut into `columns` equal cells of its own range of u. A packet is entered in every row that it touches,
+/// in the cell of its least u, so that what may meet a triangle is a run of entries in each of its rows.
 struct Face {
   int axis = 2;
   float sign = 1.0f;
   float v_origin = 0.0f, v_scale = 0.0f;
   int rows = 0, columns = 0;
   uint32_t first_cell = 0;
+  uint32_t first_row = 0;                            ///< Among the rows of all faces.
   std::vector<int32_t> row_of_bin;                   ///< Row * kSubrows + subrow of each of kRowBins
   std::vector<float> row_v_low, row_v_high;          ///< Padded for rounding; rows + kPacket values.
   std::vector<float> row_u_origin, row_u_scale;      ///< rows + kPacket values.
+  std::vector<float> row_reach;                      ///< Widest entry of each row; rows + kPacket values.
+  int most_rows_of_packet = 1;                       ///< Most rows that any packet is entered in.
   float u_min = 0, u_max = 0, v_min = 0, v_max = 0;  ///< Of all samples.
   float farthest = 0;                                ///< Largest w (directional: r.z) of all samples.
-  uint32_t first_packet = 0, end_packet = 0;
+  uint32_t first_packet = 0, end_packet = 0;         ///< Of sorted samples.
+
+  bool HasSamples() const { return farthest > -std::numeric_limits<float>::infinity(); }
 };
 
-/// Per-pixel cells beyond the faces' own mark pixels that need no test.
-struct CellMarks {
-  uint32_t lit;
-  uint32_t shadowed;
+/// What is known of some of a packet's samples before they are looked at, in one row of cells. A tile that
+/// shows several surfaces is entered once for each.
+struct PacketEntry {
+  float u_min, v_min, minus_u_max, minus_v_max;
+  float farthest;   ///< Largest w (directional: r.z).
+  uint32_t packet;  ///< With kRepeated where the packet is entered in a lower row, too.
+  uint32_t cell;
+  uint32_t lanes;  ///< Bit per sample that is meant.
+};
+inline constexpr uint32_t kRepeated = 0x80000000u;
+/// Of a sample that is in no packet.
+inline constexpr uint32_t kNoPlace = 0xFFFFFFFFu;
+
+/// Entries in the order of their cells, padded by kPacket.
+struct EntryArrays {
+  float *u_min = nullptr, *v_min = nullptr, *minus_u_max = nullptr, *minus_v_max = nullptr,
+        *farthest = nullptr;
+  uint32_t *packet = nullptr, *lanes = nullptr;
 };
 
-struct BinCounts {
+/// What a task counts, and the extent of its samples on each face.
+struct TileCounts {
   size_t samples = 0;  ///< Pixels with a sample, in this light's reach or not.
   size_t facing_away = 0;
   size_t outside_cone = 0;
+  size_t known = 0;
   size_t off_face = 0;  ///< Samples that the single face cannot hold.
+  size_t entries = 0;
+  int most_rows[6] = {1, 1, 1, 1, 1, 1};
   float u_min[6], u_max[6], v_min[6], v_max[6], farthest[6];
+
+  TileCounts();
 };
 
-struct SampleTask {
+/// Rows of tiles of one layer.
+struct TileTask {
   const LightFrame* frame = nullptr;
   const LayerSource* layer = nullptr;
   const Face* faces = nullptr;  ///< Six, or one (see single_face).
   bool single_face = true;
-  CellMarks marks{};
-  size_t padded_width = 0;  ///< Of per-pixel arrays; a multiple of kPacket.
-  int row_begin = 0, row_end = 0;
+  bool sort_all = false;  ///< No tile is taken for a packet.
+  int tiles_in_row = 0;
+  int row_begin = 0, row_end = 0;              ///< Of tiles.
   const Cancellation* cancellation = nullptr;  ///< Once it asks, the rest of the rows is left out.
-};
-
-/// What is known of a packet before its samples are looked at.
-struct alignas(32) PacketBounds {
-  float u_min, v_min, minus_u_max, minus_v_max;
-  float farthest;  ///< Largest w (directional: r.z); -infinity once all of it is in shadow.
+  // Of all tiles:
+  float* packets = nullptr;
+  uint16_t* present = nullptr;  ///< Bit per pixel: its sample is to be tested.
+  uint16_t* facing = nullptr;   ///< Bit per pixel: its sample is in shadow untested.
+  // Of this task:
+  std::vector<PacketEntry>* entries = nullptr;  ///< Grows as needed; TileCounts says how many count.
+  uint32_t* histogram = nullptr;                ///< Entries a cell.
+  float* row_reach = nullptr;                   ///< Widest entry, per row of all faces.
+  std::vector<uint32_t>* scattered =
+      nullptr;  ///< Tiles whose samples lie far apart, to be sorted one by one.
 };
 
 /// A node of the paper's BSP over the samples of one face.
@@ -153,12 +196,14 @@ struct MaskState {
   const Face* faces = nullptr;
   int face_count = 1;
   Search search = Search::kGrid;
-  const uint32_t* cell_start = nullptr;
+  const uint32_t* cell_start = nullptr;  ///< Of entries.
+  EntryArrays entries;
   const std::vector<BspNode>* bsp = nullptr;  ///< One tree a face.
   const float* packets = nullptr;
-  PacketBounds* bounds = nullptr;
-  uint16_t* shadow = nullptr;         ///< Bit per sample: a caster certainly blocks it.
-  uint16_t* touched = nullptr;        ///< Bit per sample: it lies on a caster, within the error bound.
+  const float* sorted_packets = nullptr;  ///< Those from first_sorted on.
+  uint32_t first_sorted = 0;
+  uint16_t* shadow = nullptr;   ///< Bit per sample: a caster certainly blocks it, or there is no sample.
+  uint16_t* touched = nullptr;  ///< Bit per sample: it lies on a caster, within the error bound.
   uint16_t* touched_twice = nullptr;  ///< Bit per sample: on two.
   uint32_t* absorbance = nullptr;     ///< [packet][3][kPacket], or null where only bits are asked for.
   uint8_t* packet_lock = nullptr;     ///< Guards a packet's absorbance.
@@ -171,22 +216,29 @@ struct CasterBlocks {
   const Caster* caster = nullptr;
 };
 
-/// Ray coordinates of every `stride`-th strip of every `stride`-th row, for planning a layout.
-void SampleRays(const SampleTask& task, int stride, std::vector<glm::vec3>* rays);
+/// Ray coordinates of every `stride`-th tile of every `stride`-th row of them, for planning a layout.
+void SampleRays(const TileTask& task, int stride, std::vector<glm::vec3>* rays);
 
-/// Writes each pixel's cell and its rank among the pixels of that cell and task; counts cells in `histogram`.
-void BinSamples(const SampleTask& task, uint32_t* cell, uint32_t* rank, uint32_t* histogram,
-                BinCounts* counts);
+/// Brings the samples of tiles into ray coordinates, and enters those tiles in cells that are packets as they
+/// are.
+void SetUpTiles(const TileTask& task, TileCounts* counts);
 
-/// Writes samples into packets and replaces each pixel's cell by its place. `start` is where this task's
-/// samples of each cell go; marked pixels get the places in `marks`.
-void PlaceSamples(const SampleTask& task, const uint32_t* start, const uint32_t* rank,
-                  const CellMarks& mark_places, uint32_t scrap_place, uint32_t* cell_to_place,
-                  float* packets);
+/// For samples that are sorted one by one: cell * kSubrows + subrow of each pixel of the tiles (`none` where
+/// there is no sample) and its rank among the pixels of that cell and call; counts them in `histogram`. Adds
+/// to the measures of faces in `counts`.
+void BinSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, uint32_t* cell,
+                uint32_t* rank, uint32_t* histogram, TileCounts* counts);
 
-/// Bounds of packets [begin, end) of a face.
-void BoundPackets(const Face& face, bool directional, uint32_t begin, uint32_t end, const float* packets,
-                  PacketBounds* bounds);
+/// Copies these samples into packets and replaces each pixel's cell by its place (kNoPlace where it is
+/// `none`). `start` is where this call's samples of each cell go; `scrap_place` takes what must go somewhere.
+void PlaceSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, const uint32_t* start,
+                  const uint32_t* rank, uint32_t scrap_place, uint32_t* cell_to_place, float* sorted_packets);
+
+/// Enters packets [begin, end) of sorted samples, which all lie in `row` of a face; `shadow` is set where
+/// they hold no sample. Appends to `entries`, counts in `histogram`; returns the number of entries.
+size_t EnterPackets(const LightFrame& frame, const Face& face, int row, uint32_t begin, uint32_t end,
+                    uint32_t first_sorted, const float* sorted_packets, const uint16_t* shadow,
+                    PacketEntry* entries, uint32_t* histogram, float* row_reach);
 
 /// Tests blocks of triangles. Triangles that cover very many packets are appended to `deferred` instead, up
 /// to its capacity.
@@ -195,9 +247,5 @@ void WalkTriangles(const MaskState& state, const CasterBlocks& blocks,
 
 /// Tests a deferred triangle in rows [row_begin, row_end) of its face.
 void WalkDeferred(const MaskState& state, const DeferredTriangle& triangle, int row_begin, int row_end);
-
-/// Packs one row of pixels: bit x % 8 of byte x / 8 is the pixel's bit of `bits` (one a sample). Writes
-/// padded_width / 8 bytes. Returns how many are set.
-size_t PackBits(const uint32_t* place, size_t padded_width, const uint16_t* bits, uint8_t* row);
 
 }  // namespace shadowfit::irregular

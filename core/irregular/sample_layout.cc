@@ -132,7 +132,7 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
   face->rows = subrow / kSubrows + 1;
 
   // 2. Each row's range of u, a little wider than its typical samples.
-  const auto padded_rows = static_cast<size_t>(face->rows + kPacket);
+  const auto padded_rows = static_cast<size_t>(face->rows + kPacket + kMostRowsOfPacket);
   std::vector<float>& low = face->row_u_origin;
   std::vector<float>& high = face->row_u_scale;
   low.assign(padded_rows, std::numeric_limits<float>::infinity());
@@ -155,6 +155,8 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
     low[r] -= width / 32.0f;
     high[r] = static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f));
   }
+  face->row_reach.assign(padded_rows, 0.0f);
+  face->most_rows_of_packet = 1;
   face->row_v_low.resize(padded_rows, std::numeric_limits<float>::infinity());
   face->row_v_high.resize(padded_rows, std::numeric_limits<float>::infinity());
 }

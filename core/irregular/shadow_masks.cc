@@ -26,8 +26,10 @@ namespace {
 using namespace irregular;  // NOLINT(google-build-using-namespace): its implementation.
 
 /// About this many samples plan a layout.
-constexpr double kPlanningSamples = 12000.0;
+constexpr double kPlanningSamples = 5000.0;
 constexpr size_t kMostDeferred = 256;
+/// Parts of the tiles for each thread: some balance, little to merge.
+constexpr int kChunksPerThread = 1;
 constexpr int kDeferredRows = 8;
 /// Clusters of a task: enough to hide its overhead, few enough to share small scenes and to cancel soon.
 constexpr size_t kMostClustersPerTask = 16;
@@ -82,29 +84,41 @@ struct FaceBounds {
   }
 };
 
+/// Rows of tiles of a layer, set up by one task.
 struct Chunk {
-  size_t layer;
-  int row_begin, row_end;
-  BinCounts counts;
+  size_t layer = 0;
+  int row_begin = 0, row_end = 0;
+  std::vector<PacketEntry> entries;
+  std::vector<uint32_t> scattered;  ///< Tiles whose samples are sorted one by one.
+  size_t first_scattered = 0;       ///< Of all chunks' scattered tiles.
+  TileCounts counts;
 };
 
 }  // namespace
 
 struct MaskRenderer::Workspace {
-  // Per pixel of all layers, rows padded to kPacket.
+  // Per tile of all layers, or pixel of it.
+  AlignedBuffer<float> packets;
+  AlignedBuffer<uint16_t> present, facing;
+  // Per sample that is sorted, tile after tile.
   AlignedBuffer<uint32_t> place;  ///< First the cell, then the place among the sorted samples.
   AlignedBuffer<uint32_t> rank;
-  // Per sample, in sorted order.
-  AlignedBuffer<float> packets;
+  AlignedBuffer<float> sorted_packets;
   AlignedBuffer<float> bsp_packets;
-  AlignedBuffer<PacketBounds> packet_bounds;
+  // Per packet: tiles, then sorted ones.
   AlignedBuffer<uint16_t> shadow, touched, touched_twice;
   AlignedBuffer<uint32_t> absorbance;
   AlignedBuffer<uint8_t> packet_lock;
+  // Per entry, in the order of their cells.
+  AlignedBuffer<float> entry_floats;
+  AlignedBuffer<uint32_t> entry_packet;
+  EntryArrays entries;
   // Per cell and chunk.
-  AlignedBuffer<uint32_t> histograms;
+  AlignedBuffer<uint32_t> histograms, sort_histograms;
+  AlignedBuffer<float> row_reaches;
   AlignedBuffer<uint32_t> cell_start;
-  std::vector<uint32_t> row_packets;
+  AlignedBuffer<PacketEntry> sorted_entries;
+  std::vector<uint32_t> row_packets, row_entries;
 
   std::vector<glm::vec3> rays;
   std::vector<glm::vec2> uv;
@@ -119,6 +133,7 @@ struct MaskRenderer::Workspace {
   std::vector<glm::vec3> bsp_uvw;
   std::vector<uint32_t> bsp_order;
   std::vector<uint32_t> bsp_place;
+  std::vector<uint16_t> bsp_shadow;
 
   // Clusters of instances that are elsewhere in this frame, by their place in the scene's list.
   AlignedBuffer<float> moved_blocks;
@@ -135,33 +150,44 @@ struct MaskRenderer::Workspace {
   // Of the current request.
   LightFrame frame;
   int face_count = 1;
-  size_t padded_width = 0;
-  size_t pixels = 0;
+  int tiles_in_row = 0, tile_rows = 0;  ///< Of one layer.
+  uint32_t tiles = 0;                   ///< Of all layers.
   uint32_t cells = 0;
+  uint32_t rows = 0;
+  size_t scattered_tiles = 0;
   uint32_t end_packet = 0;
+  size_t entry_count = 0;
 
   absl::Status RenderLight(const MaskRequest& request, size_t light);
   void SetUpFrame(const RaySpace& ray_space);
   void SetUpLayers(const MaskRequest& request);
-  SampleTask TaskFor(const Chunk& chunk, const Cancellation* cancellation) const;
-  void CollectRays(const Cancellation* cancellation, int* stride);
+  TileTask TaskFor(Chunk& chunk, const MaskRequest& request);
+  void CollectRays(const MaskRequest& request, int* stride);
   void PlanFaces(size_t expected_samples);
-  absl::Status BinAll(const Cancellation* cancellation, size_t* off_face);
-  absl::Status ReserveSamples(const MaskRequest& request);
-  void PlaceAll(const Cancellation* cancellation);
-  absl::Status BuildBspOrder(const Cancellation* cancellation);
+  absl::Status SetUpAllTiles(const MaskRequest& request, size_t* off_face);
+  absl::Status SortScattered(const MaskRequest& request);
+  absl::Status ReservePackets(const MaskRequest& request);
+  absl::Status SortEntries(const MaskRequest& request);
+  absl::Status BuildBspOrder(const MaskRequest& request);
   void SetUpCasters(const MaskRequest& request);
   absl::Status PlaceMovedInstances(const MaskRequest& request);
   void BoundFaces();
   void Walk(const MaskRequest& request);
+  void GatherScattered(const MaskRequest& request);
   void Resolve(const MaskRequest& request, size_t light);
+  size_t ResolveTileRow(size_t tile_row, size_t bytes_per_row, bool transmit, size_t light);
   void ResolveCoverage(size_t width, size_t height, std::vector<uint8_t>* out) const;
 };
 
 namespace {
 
-absl::Status OutOfMemory(size_t pixels) {
-  return absl::ResourceExhaustedError(absl::StrFormat("layers: no memory for %d samples", pixels));
+absl::Status OutOfMemory(size_t tiles) {
+  return absl::ResourceExhaustedError(absl::StrFormat("layers: no memory for %d samples", tiles * kPacket));
+}
+
+const char* KindName(const Light& light) {
+  if (std::holds_alternative<PointLight>(light)) return "point";
+  return std::holds_alternative<SpotLight>(light) ? "spot" : "directional";
 }
 
 absl::Status CancelledStatus(const Cancellation* cancellation) {
@@ -218,8 +244,9 @@ absl::Status CheckRequest(const MaskRequest& request) {
     return absl::InvalidArgumentError(
         absl::StrFormat("layers[0]: size %dx%d, both must be in [1, %d]", width, height, largest));
   }
-  const size_t padded = (static_cast<size_t>(width) + kPacket - 1) / kPacket * kPacket;
-  if (padded * static_cast<size_t>(height) * request.layers.size() > MaskRenderer::kMaxPixels) {
+  const auto tiles = [](int size, int tile) { return (static_cast<size_t>(size) + tile - 1) / tile; };
+  if (tiles(width, kTileWidth) * tiles(height, kTileHeight) * kPacket * request.layers.size() >
+      MaskRenderer::kMaxPixels) {
     return absl::InvalidArgumentError(absl::StrFormat("layers: %d of %dx%d, at most %d samples in all",
                                                       request.layers.size(), width, height,
                                                       MaskRenderer::kMaxPixels));
@@ -248,6 +275,15 @@ absl::Status CheckRequest(const MaskRequest& request) {
       if (!status.ok()) return status;
     }
   }
+  if (!request.known.empty() && request.known.size() != request.lights.size() * request.layers.size()) {
+    return absl::InvalidArgumentError(absl::StrFormat("known: %d pictures for %d lights and %d layers",
+                                                      request.known.size(), request.lights.size(),
+                                                      request.layers.size()));
+  }
+  for (size_t i = 0; i < request.known.size(); ++i) {
+    absl::Status status = CheckSize(request.known[i], width, height, absl::StrFormat("known[%d]", i));
+    if (!status.ok()) return status;
+  }
   return absl::OkStatus();
 }
 
@@ -269,8 +305,10 @@ void MaskRenderer::Workspace::SetUpLayers(const MaskRequest& request) {
   const bool has_positions = first.ws_positions.bottom_row != nullptr;
   const int width = has_positions ? first.ws_positions.width : first.depth.width;
   const int height = has_positions ? first.ws_positions.height : first.depth.height;
-  padded_width = (static_cast<size_t>(width) + kPacket - 1) / kPacket * kPacket;
-  pixels = padded_width * static_cast<size_t>(height) * request.layers.size();
+  tiles_in_row = (width + kTileWidth - 1) / kTileWidth;
+  tile_rows = (height + kTileHeight - 1) / kTileHeight;
+  const size_t layer_tiles = static_cast<size_t>(tiles_in_row) * static_cast<size_t>(tile_rows);
+  tiles = static_cast<uint32_t>(layer_tiles * request.layers.size());
   for (size_t i = 0; i < layers.size(); ++i) {
     LayerSource& source = layers[i];
     const ReceiverLayer& layer = request.layers[i];
@@ -278,7 +316,7 @@ void MaskRenderer::Workspace::SetUpLayers(const MaskRequest& request) {
     source.depth = layer.depth;
     source.ws_positions = layer.ws_positions;
     source.ws_normals = layer.ws_normals;
-    source.first_pixel = i * padded_width * static_cast<size_t>(height);
+    source.first_tile = i * layer_tiles;
     if (layer.ws_positions.bottom_row != nullptr) {
       source.depth.width = width;
       source.depth.height = height;
@@ -287,17 +325,17 @@ void MaskRenderer::Workspace::SetUpLayers(const MaskRequest& request) {
     }
     // Three roundings of the projection beside the format's own.
     source.depth_relative_error = 3.0f * kUnitRoundoff;
-    switch (request.depth_format) {
-      case DepthFormat::kFloat32:
+    switch (request.depth_precision) {
+      case DepthPrecision::kFloat32:
         source.depth_relative_error += kUnitRoundoff;
         break;
-      case DepthFormat::kUnorm24:
+      case DepthPrecision::kUnorm24:
         source.depth_absolute_error = 0.5f / 16777215.0f;
         break;
-      case DepthFormat::kUnorm16:
+      case DepthPrecision::kUnorm16:
         source.depth_absolute_error = 0.5f / 65535.0f;
         break;
-      case DepthFormat::kFloat16:
+      case DepthPrecision::kFloat16:
         source.depth_relative_error += 0x1p-11f;
         source.depth_absolute_error = 0x1p-25f;
         break;
@@ -344,31 +382,44 @@ glm::dvec3 ViewDirection(const Camera& camera) {
 
 }  // namespace
 
-SampleTask MaskRenderer::Workspace::TaskFor(const Chunk& chunk, const Cancellation* cancellation) const {
-  SampleTask task;
+TileTask MaskRenderer::Workspace::TaskFor(Chunk& chunk, const MaskRequest& request) {
+  const auto index = static_cast<size_t>(&chunk - chunks.data());
+  TileTask task;
   task.frame = &frame;
   task.layer = &layers[chunk.layer];
   task.faces = faces.data();
   task.single_face = face_count == 1;
-  task.marks = {cells, cells + 1};
-  task.padded_width = padded_width;
+  task.sort_all = request.method != MaskMethod::kGrid;
+  task.tiles_in_row = tiles_in_row;
   task.row_begin = chunk.row_begin;
   task.row_end = chunk.row_end;
-  task.cancellation = cancellation;
+  task.cancellation = request.cancellation;
+  task.packets = packets.data();
+  task.present = present.data();
+  task.facing = facing.data();
+  task.entries = &chunk.entries;
+  task.histogram = histograms.data() + index * cells;
+  task.row_reach = row_reaches.data() + index * rows;
+  task.scattered = &chunk.scattered;
   return task;
 }
 
-void MaskRenderer::Workspace::CollectRays(const Cancellation* cancellation, int* stride) {
-  *stride = std::max(2, static_cast<int>(std::sqrt(2.0 * static_cast<double>(pixels) / kPlanningSamples)));
+void MaskRenderer::Workspace::CollectRays(const MaskRequest& request, int* stride) {
+  *stride = std::max(1, static_cast<int>(std::sqrt(2.0 * static_cast<double>(tiles) / kPlanningSamples)));
   rays.clear();
   for (size_t layer = 0; layer < layers.size(); ++layer) {
-    if (cancellation != nullptr && cancellation->Requested()) return;
-    SampleRays(TaskFor({layer, 0, layers[layer].depth.height, {}}, cancellation), *stride, &rays);
+    if (request.cancellation != nullptr && request.cancellation->Requested()) return;
+    TileTask task;
+    task.frame = &frame;
+    task.layer = &layers[layer];
+    task.tiles_in_row = tiles_in_row;
+    task.row_end = tile_rows;
+    SampleRays(task, *stride, &rays);
   }
 }
 
 void MaskRenderer::Workspace::PlanFaces(size_t expected_samples) {
-  cells = 0;
+  cells = rows = 0;
   const auto face_of = [](const glm::vec3& r) {
     const glm::vec3 a = glm::abs(r);
     const int axis = a.z >= a.x && a.z >= a.y ? 2 : a.y >= a.x ? 1 : 0;
@@ -386,134 +437,271 @@ void MaskRenderer::Workspace::PlanFaces(size_t expected_samples) {
     }
     PlanFace(uv, expected_samples * uv.size() / std::max<size_t>(rays.size(), 1), &face);
     face.first_cell = cells;
-    cells += static_cast<uint32_t>(face.rows * face.columns * kSubrows);
+    face.first_row = rows;
+    cells += static_cast<uint32_t>(face.rows * face.columns);
+    rows += static_cast<uint32_t>(face.rows);
   }
 }
 
-absl::Status MaskRenderer::Workspace::BinAll(const Cancellation* cancellation, size_t* off_face) {
-  const size_t stride = size_t{cells} + 2;
-  if (!histograms.Reserve(stride * chunks.size())) return OutOfMemory(pixels);
-  ForEach(chunks.size(), cancellation, [&](size_t i) {
-    uint32_t* histogram = histograms.data() + i * stride;
-    std::memset(histogram, 0, stride * sizeof(uint32_t));
-    chunks[i].counts = BinCounts{};
-    BinSamples(TaskFor(chunks[i], cancellation), place.data(), rank.data(), histogram, &chunks[i].counts);
+absl::Status MaskRenderer::Workspace::SetUpAllTiles(const MaskRequest& request, size_t* off_face) {
+  if (!histograms.Reserve(size_t{cells} * (chunks.size() + 1)) ||
+      !row_reaches.Reserve(size_t{rows} * (chunks.size() + 1))) {
+    return OutOfMemory(tiles);
+  }
+  ForEach(chunks.size(), request.cancellation, [&](size_t i) {
+    Chunk& chunk = chunks[i];
+    std::memset(histograms.data() + i * cells, 0, cells * sizeof(uint32_t));
+    std::fill_n(row_reaches.data() + i * rows, rows, 0.0f);
+    chunk.scattered.clear();
+    chunk.counts = TileCounts();
+    SetUpTiles(TaskFor(chunk, request), &chunk.counts);
   });
+  if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
   *off_face = 0;
-  if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
-  for (const Chunk& chunk : chunks) *off_face += chunk.counts.off_face;
+  scattered_tiles = 0;
+  for (Chunk& chunk : chunks) {
+    *off_face += chunk.counts.off_face;
+    chunk.first_scattered = scattered_tiles;
+    scattered_tiles += chunk.scattered.size();
+  }
   return absl::OkStatus();
 }
 
-absl::Status MaskRenderer::Workspace::ReserveSamples(const MaskRequest& request) {
-  // Rows of cells start at packet borders, so that no packet belongs to two rows. Three packets follow: one
-  // that is lit, one in shadow, and one that takes what must be written somewhere.
-  const size_t stride = size_t{cells} + 2;
-  size_t rows = 0;
-  for (int f = 0; f < face_count; ++f) rows += static_cast<size_t>(faces[static_cast<size_t>(f)].rows);
-  row_packets.assign(rows + 1, 0);
-  size_t row_base = 0;
-  for (int f = 0; f < face_count; ++f) {
-    const Face& face = faces[static_cast<size_t>(f)];
-    tbb::parallel_for(tbb::blocked_range<int>(0, face.rows, 16), [&](const tbb::blocked_range<int>& range) {
-      for (int row = range.begin(); row != range.end(); ++row) {
-        const size_t row_cells = static_cast<size_t>(face.columns) * kSubrows;
-        const size_t first = face.first_cell + static_cast<size_t>(row) * row_cells;
-        uint32_t samples = 0;
-        for (size_t chunk = 0; chunk < chunks.size(); ++chunk) {
-          const uint32_t* counts = histograms.data() + chunk * stride + first;
-          for (size_t cell = 0; cell < row_cells; ++cell) samples += counts[cell];
-        }
-        row_packets[row_base + static_cast<size_t>(row)] = (samples + kPacket - 1) / kPacket;
-      }
-    });
-    row_base += static_cast<size_t>(face.rows);
+absl::Status MaskRenderer::Workspace::ReservePackets(const MaskRequest& request) {
+  const size_t all = size_t{end_packet} + 1;
+  const bool transmit = request.output == MaskOutput::kTransmittance;
+  if (!sorted_packets.Reserve((all - tiles) * kPacketFloats) || !shadow.Reserve(all) ||
+      !touched.Reserve(all) || !touched_twice.Reserve(all) ||
+      (transmit && (!absorbance.Reserve(all * 3 * kPacket) || !packet_lock.Reserve(all)))) {
+    return OutOfMemory(tiles);
   }
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, all, 1 << 14),
+                    [&](const tbb::blocked_range<size_t>& range) {
+                      for (size_t p = range.begin(); p != range.end(); ++p) {
+                        shadow[p] = p < tiles ? static_cast<uint16_t>(~present[p]) : uint16_t{0};
+                      }
+                      std::memset(touched.data() + range.begin(), 0, range.size() * sizeof(uint16_t));
+                      std::memset(touched_twice.data() + range.begin(), 0, range.size() * sizeof(uint16_t));
+                      if (!transmit) return;
+                      std::memset(absorbance.data() + range.begin() * 3 * kPacket, 0,
+                                  range.size() * 3 * kPacket * sizeof(uint32_t));
+                      std::memset(packet_lock.data() + range.begin(), 0, range.size());
+                    });
+  return absl::OkStatus();
+}
+
+absl::Status MaskRenderer::Workspace::SortScattered(const MaskRequest& request) {
+  end_packet = tiles;
+  for (int f = 0; f < face_count; ++f) {
+    faces[static_cast<size_t>(f)].first_packet = faces[static_cast<size_t>(f)].end_packet = tiles;
+  }
+  if (scattered_tiles == 0) return ReservePackets(request);
+
+  // 1. Cell and rank of each sample.
+  const size_t stride = size_t{cells} * kSubrows + 1;
+  const auto none = static_cast<uint32_t>(stride - 1);
+  if (!sort_histograms.Reserve(stride * chunks.size()) || !place.Reserve(scattered_tiles * kPacket) ||
+      !rank.Reserve(scattered_tiles * kPacket)) {
+    return OutOfMemory(tiles);
+  }
+  ForEach(chunks.size(), request.cancellation, [&](size_t i) {
+    uint32_t* histogram = sort_histograms.data() + i * stride;
+    std::memset(histogram, 0, stride * sizeof(uint32_t));
+    const size_t first = chunks[i].first_scattered * kPacket;
+    BinSamples(TaskFor(chunks[i], request), chunks[i].scattered, none, place.data() + first,
+               rank.data() + first, histogram, &chunks[i].counts);
+  });
+  if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
+
+  // 2. Where each row's packets go. A packet holds samples of one row, which are not too far apart.
+  const auto for_each_row = [&](const auto& body) {
+    for (int f = 0; f < face_count; ++f) {
+      const Face& face = faces[static_cast<size_t>(f)];
+      tbb::parallel_for(tbb::blocked_range<int>(0, face.rows, 16), [&](const tbb::blocked_range<int>& range) {
+        for (int row = range.begin(); row != range.end(); ++row) body(face, row);
+      });
+    }
+  };
+  // Calls cell(first of its subcells, place of its first sample) and gap(place) for the cells of a row.
+  const auto lay_out = [&](const Face& face, int row, uint32_t at, const auto& cell_function,
+                           const auto& gap) {
+    int open_column = 0;
+    for (int column = 0; column < face.columns; ++column) {
+      const size_t cell = (face.first_cell + static_cast<size_t>(row) * static_cast<size_t>(face.columns) +
+                           static_cast<size_t>(column)) *
+                          kSubrows;
+      uint32_t samples = 0;
+      for (size_t chunk = 0; chunk < chunks.size(); ++chunk) {
+        const uint32_t* counts = sort_histograms.data() + chunk * stride + cell;
+        for (int i = 0; i < kSubrows; ++i) samples += counts[i];
+      }
+      if (samples == 0) continue;
+      if (at % kPacket != 0 && column - open_column > kMostColumnsOfPacket / 2) {
+        gap(at);
+        at = (at + kPacket - 1) / kPacket * kPacket;
+      }
+      if (at % kPacket == 0 || (at + samples - 1) / kPacket != at / kPacket) open_column = column;
+      cell_function(cell, at);
+      at += samples;
+    }
+    if (at % kPacket != 0) gap(at);
+    return (at + kPacket - 1) / kPacket;
+  };
+  row_packets.assign(rows + 1, 0);
+  for_each_row([&](const Face& face, int row) {
+    row_packets[face.first_row + static_cast<uint32_t>(row)] = lay_out(
+        face, row, 0, [](size_t, uint32_t) {}, [](uint32_t) {});
+  });
   uint32_t packet = 0;
-  row_base = 0;
+  for (uint32_t& count : row_packets) packet += std::exchange(count, packet);
+  end_packet = tiles + packet;
   for (int f = 0; f < face_count; ++f) {
     Face& face = faces[static_cast<size_t>(f)];
-    face.first_packet = packet;
-    for (int row = 0; row < face.rows; ++row) {
-      uint32_t& entry = row_packets[row_base + static_cast<size_t>(row)];
-      packet += entry;
-      entry = packet - entry;
-    }
-    row_base += static_cast<size_t>(face.rows);
-    face.end_packet = packet;
+    face.first_packet = tiles + row_packets[face.first_row];
+    face.end_packet = tiles + row_packets[face.first_row + static_cast<uint32_t>(face.rows)];
   }
-  row_packets[rows] = packet;
-  end_packet = packet;
+  if (absl::Status status = ReservePackets(request); !status.ok()) return status;
 
-  const size_t all = size_t{end_packet} + 4;
-  const bool reserved = packets.Reserve(all * kPacketFloats) && packet_bounds.Reserve(all) &&
-                        shadow.Reserve(all) && touched.Reserve(all) && touched_twice.Reserve(all) &&
-                        cell_start.Reserve(size_t{cells} + 1) &&
-                        (request.output != MaskOutput::kTransmittance ||
-                         (absorbance.Reserve(all * 3 * kPacket) && packet_lock.Reserve(all)));
-  return reserved ? absl::OkStatus() : OutOfMemory(pixels);
-}
-
-void MaskRenderer::Workspace::PlaceAll(const Cancellation* cancellation) {
-  const size_t stride = size_t{cells} + 2;
-  const size_t all = size_t{end_packet} + 4;
-  std::memset(shadow.data(), 0, all * sizeof(uint16_t));
-  std::memset(touched.data(), 0, all * sizeof(uint16_t));
-  std::memset(touched_twice.data(), 0, all * sizeof(uint16_t));
-  size_t row_base = 0;
-  for (int f = 0; f < face_count; ++f) {
-    const Face& face = faces[static_cast<size_t>(f)];
-    tbb::parallel_for(tbb::blocked_range<int>(0, face.rows, 16), [&](const tbb::blocked_range<int>& range) {
-      for (int row = range.begin(); row != range.end(); ++row) {
-        const size_t row_cells = static_cast<size_t>(face.columns) * kSubrows;
-        const size_t first = face.first_cell + static_cast<size_t>(row) * row_cells;
-        uint32_t at = row_packets[row_base + static_cast<size_t>(row)] * kPacket;
-        for (size_t cell = first; cell < first + row_cells; ++cell) {
-          cell_start[cell] = at;
-          for (size_t chunk = 0; chunk < chunks.size(); ++chunk) {
-            uint32_t& count = histograms[chunk * stride + cell];
-            const uint32_t samples = count;
-            count = at;
-            at += samples;
+  // 3. Samples to their places.
+  for_each_row([&](const Face& face, int row) {
+    const uint32_t first = row_packets[face.first_row + static_cast<uint32_t>(row)] * kPacket;
+    lay_out(
+        face, row, first,
+        [&](size_t cell, uint32_t at) {
+          for (int i = 0; i < kSubrows; ++i) {
+            for (size_t chunk = 0; chunk < chunks.size(); ++chunk) {
+              at += std::exchange(sort_histograms[chunk * stride + cell + static_cast<size_t>(i)], at);
+            }
           }
-        }
-        // What is left of the row's last packet is no sample: NaN fails every test, and counts as decided.
-        if (at % kPacket != 0) {
-          const uint32_t packet = at / kPacket;
-          std::fill_n(packets.data() + size_t{packet} * kPacketFloats, kPacketFloats,
-                      std::numeric_limits<float>::quiet_NaN());
-          shadow[packet] = static_cast<uint16_t>(0xFFFFu << (at % kPacket));
-        }
-      }
-    });
-    row_base += static_cast<size_t>(face.rows);
-  }
-  cell_start[cells] = end_packet * kPacket;
-  shadow[end_packet + 1] = 0xFFFF;
-  const CellMarks mark_places{end_packet * kPacket, (end_packet + 1) * kPacket};
-  ForEach(chunks.size(), cancellation, [&](size_t i) {
-    PlaceSamples(TaskFor(chunks[i], cancellation), histograms.data() + i * stride, rank.data(), mark_places,
-                 (end_packet + 2) * kPacket, place.data(), packets.data());
+        },
+        // What is left of a packet is no sample, and decided.
+        [&](uint32_t at) {
+          shadow[tiles + at / kPacket] = static_cast<uint16_t>(0xFFFFu << (at % kPacket));
+        });
   });
+  ForEach(chunks.size(), request.cancellation, [&](size_t i) {
+    const size_t first = chunks[i].first_scattered * kPacket;
+    PlaceSamples(TaskFor(chunks[i], request), chunks[i].scattered, none, sort_histograms.data() + i * stride,
+                 rank.data() + first, packet * kPacket, place.data() + first, sorted_packets.data());
+  });
+  return CancelledStatus(request.cancellation);
 }
 
-absl::Status MaskRenderer::Workspace::BuildBspOrder(const Cancellation* cancellation) {
+absl::Status MaskRenderer::Workspace::SortEntries(const MaskRequest& request) {
+  // 1. Entries of the packets that were sorted; rows have cells of their own.
+  const size_t sorted = end_packet - tiles;
+  if (!sorted_entries.Reserve(sorted) || !cell_start.Reserve(size_t{cells} + 1)) return OutOfMemory(tiles);
+  uint32_t* const sorted_histogram = histograms.data() + chunks.size() * cells;
+  float* const sorted_reach = row_reaches.data() + chunks.size() * rows;
+  std::memset(sorted_histogram, 0, cells * sizeof(uint32_t));
+  std::fill_n(sorted_reach, rows, 0.0f);
+  const auto for_each_row = [&](const auto& body) {
+    for (int f = 0; f < face_count; ++f) {
+      Face& face = faces[static_cast<size_t>(f)];
+      tbb::parallel_for(tbb::blocked_range<int>(0, face.rows, 16), [&](const tbb::blocked_range<int>& range) {
+        for (int row = range.begin(); row != range.end(); ++row) body(face, row);
+      });
+    }
+  };
+  if (sorted > 0) {
+    for_each_row([&](const Face& face, int row) {
+      const uint32_t begin = row_packets[face.first_row + static_cast<uint32_t>(row)];
+      const uint32_t end = row_packets[face.first_row + static_cast<uint32_t>(row) + 1];
+      EnterPackets(frame, face, row, tiles + begin, tiles + end, tiles, sorted_packets.data(), shadow.data(),
+                   sorted_entries.data() + begin, sorted_histogram, sorted_reach);
+    });
+  }
+
+  // 2. Where each cell's entries start.
+  row_entries.assign(rows + 1, 0);
+  for_each_row([&](Face& face, int row) {
+    const size_t global_row = face.first_row + static_cast<size_t>(row);
+    const size_t first = face.first_cell + static_cast<size_t>(row) * static_cast<size_t>(face.columns);
+    uint32_t count = 0;
+    float reach = 0.0f;
+    for (size_t chunk = 0; chunk <= chunks.size(); ++chunk) {
+      const uint32_t* counts = histograms.data() + chunk * cells + first;
+      for (int column = 0; column < face.columns; ++column) count += counts[column];
+      reach = std::max(reach, row_reaches[chunk * rows + global_row]);
+    }
+    row_entries[global_row] = count;
+    // Widths are rounded, and so is what they are subtracted from.
+    const float extent = std::max(std::abs(face.u_min), std::abs(face.u_max));
+    face.row_reach[static_cast<size_t>(row)] = 1.001f * reach + 4.0f * kUnitRoundoff * extent;
+  });
+  uint32_t at = 0;
+  for (uint32_t& count : row_entries) at += std::exchange(count, at);
+  entry_count = at;
+  const size_t padded = (entry_count + 2 * kPacket - 1) / kPacket * kPacket;
+  if (!entry_floats.Reserve(5 * padded) || !entry_packet.Reserve(2 * padded)) return OutOfMemory(tiles);
+  entries.u_min = entry_floats.data();
+  entries.v_min = entries.u_min + padded;
+  entries.minus_u_max = entries.v_min + padded;
+  entries.minus_v_max = entries.minus_u_max + padded;
+  entries.farthest = entries.minus_v_max + padded;
+  entries.packet = entry_packet.data();
+  entries.lanes = entries.packet + padded;
+  for_each_row([&](const Face& face, int row) {
+    uint32_t start = row_entries[face.first_row + static_cast<uint32_t>(row)];
+    const size_t first = face.first_cell + static_cast<size_t>(row) * static_cast<size_t>(face.columns);
+    for (size_t cell = first; cell < first + static_cast<size_t>(face.columns); ++cell) {
+      cell_start[cell] = start;
+      for (size_t chunk = 0; chunk <= chunks.size(); ++chunk) {
+        start += std::exchange(histograms[chunk * cells + cell], start);
+      }
+    }
+  });
+  cell_start[cells] = static_cast<uint32_t>(entry_count);
+
+  // 3. Entries to their places.
+  const auto place_entries = [&](const PacketEntry* from, size_t count, uint32_t* starts) {
+    for (size_t i = 0; i < count; ++i) {
+      const PacketEntry& entry = from[i];
+      const uint32_t to = starts[entry.cell]++;
+      entries.u_min[to] = entry.u_min;
+      entries.v_min[to] = entry.v_min;
+      entries.minus_u_max[to] = entry.minus_u_max;
+      entries.minus_v_max[to] = entry.minus_v_max;
+      entries.farthest[to] = entry.farthest;
+      entries.packet[to] = entry.packet;
+      entries.lanes[to] = entry.lanes;
+    }
+  };
+  ForEach(chunks.size() + 1, request.cancellation, [&](size_t i) {
+    uint32_t* starts = histograms.data() + i * cells;
+    if (i == chunks.size()) {
+      place_entries(sorted_entries.data(), sorted, starts);
+    } else {
+      place_entries(chunks[i].entries.data(), chunks[i].counts.entries, starts);
+    }
+  });
+  for (int f = 0; f < face_count; ++f) {
+    int& most = faces[static_cast<size_t>(f)].most_rows_of_packet;
+    most = 1;
+    for (const Chunk& chunk : chunks) most = std::max(most, chunk.counts.most_rows[f]);
+  }
+  return CancelledStatus(request.cancellation);
+}
+
+absl::Status MaskRenderer::Workspace::BuildBspOrder(const MaskRequest& request) {
   // Samples are already together; each face's are put into the tree's order. Leaves start at packet borders.
-  const size_t old_samples = size_t{end_packet} * kPacket;
-  bsp_place.assign(old_samples, 0);
+  const Cancellation* cancellation = request.cancellation;
+  bsp_place.assign(static_cast<size_t>(end_packet - tiles) * kPacket, 0);
+  const auto is_sample = [this](size_t i) { return (shadow[tiles + i / kPacket] >> (i % kPacket) & 1) == 0; };
   std::array<uint32_t, 6> first_packet{}, last_packet{};
   uint32_t packet = 0;
   for (int f = 0; f < face_count; ++f) {
     const auto index = static_cast<size_t>(f);
     const Face& face = faces[index];
-    const size_t first = size_t{face.first_packet} * kPacket;
-    const size_t end = size_t{face.end_packet} * kPacket;
+    const size_t first = static_cast<size_t>(face.first_packet - tiles) * kPacket;
+    const size_t end = static_cast<size_t>(face.end_packet - tiles) * kPacket;
     bsp_uvw.assign(end - first, glm::vec3(0.0f));
     bsp_order.clear();
     for (size_t i = 0; i < end - first; ++i) {
-      const float* values = packets.data() + (first + i) / kPacket * kPacketFloats + (first + i) % kPacket;
+      if (!is_sample(first + i)) continue;
+      const float* values =
+          sorted_packets.data() + (first + i) / kPacket * kPacketFloats + (first + i) % kPacket;
       const glm::vec3 r(values[0], values[kPacket], values[2 * kPacket]);
-      if (std::isnan(r.x)) continue;
       const float w = frame.directional ? 1.0f : face.sign * r[face.axis];
       bsp_uvw[i] = {r[(face.axis + 1) % 3] / w, r[(face.axis + 2) % 3] / w, frame.directional ? r.z : w};
       bsp_order.push_back(static_cast<uint32_t>(i));
@@ -528,46 +716,34 @@ absl::Status MaskRenderer::Workspace::BuildBspOrder(const Cancellation* cancella
       for (uint32_t i = 0; i < count; ++i) {
         bsp_place[first + bsp_order[node.first_sample + i]] = packet * kPacket + i;
       }
-      node.first_sample = packet * kPacket;
+      node.first_sample = (tiles + packet) * kPacket;
       node.end_sample = node.first_sample + count;
       packet += (count + kPacket - 1) / kPacket;
     }
     last_packet[index] = packet;
   }
-  const size_t all = size_t{packet} + 4;
-  // Grown here, and with them what the walk writes.
-  if (!bsp_packets.Reserve(all * kPacketFloats) || !packet_bounds.Reserve(all) || !shadow.Reserve(all) ||
-      !touched.Reserve(all) || !touched_twice.Reserve(all) ||
-      (absorbance.capacity() != 0 && (!absorbance.Reserve(all * 3 * kPacket) || !packet_lock.Reserve(all)))) {
-    return OutOfMemory(pixels);
-  }
-  std::fill_n(bsp_packets.data(), all * kPacketFloats, std::numeric_limits<float>::quiet_NaN());
-  std::fill_n(shadow.data(), all, uint16_t{0xFFFF});
-  std::fill_n(touched.data(), all, uint16_t{0});
-  std::fill_n(touched_twice.data(), all, uint16_t{0});
-  for (int f = 0; f < face_count; ++f) {
-    Face& face = faces[static_cast<size_t>(f)];
-    for (size_t i = size_t{face.first_packet} * kPacket; i < size_t{face.end_packet} * kPacket; ++i) {
-      const float* from = packets.data() + i / kPacket * kPacketFloats + i % kPacket;
-      if (std::isnan(from[0])) continue;
-      const uint32_t to = bsp_place[i];
-      for (int row = 0; row < 4; ++row) {
-        bsp_packets[to / kPacket * kPacketFloats + static_cast<size_t>(row) * kPacket + to % kPacket] =
-            from[row * kPacket];
-      }
-      shadow[to / kPacket] = static_cast<uint16_t>(shadow[to / kPacket] & ~(1u << (to % kPacket)));
+  if (!bsp_packets.Reserve(size_t{packet} * kPacketFloats)) return OutOfMemory(tiles);
+  bsp_shadow.assign(packet, 0xFFFF);
+  for (size_t i = 0; i < bsp_place.size(); ++i) {
+    if (!is_sample(i)) continue;
+    const uint32_t to = bsp_place[i];
+    for (size_t row = 0; row < 4; ++row) {
+      bsp_packets[to / kPacket * kPacketFloats + row * kPacket + to % kPacket] =
+          sorted_packets[i / kPacket * kPacketFloats + row * kPacket + i % kPacket];
     }
-    face.first_packet = first_packet[static_cast<size_t>(f)];
-    face.end_packet = last_packet[static_cast<size_t>(f)];
+    bsp_shadow[to / kPacket] = static_cast<uint16_t>(bsp_shadow[to / kPacket] & ~(1u << (to % kPacket)));
   }
-  const uint32_t lit = end_packet * kPacket;
-  for (size_t i = 0; i < pixels; ++i) {
-    place[i] = place[i] < lit ? bsp_place[place[i]] : place[i] - lit + packet * kPacket;
+  for (size_t i = 0; i < scattered_tiles * kPacket; ++i) {
+    if (place[i] != kNoPlace) place[i] = bsp_place[place[i]];
   }
-  shadow[packet] = 0;
-  shadow[packet + 1] = 0xFFFF;
-  end_packet = packet;
-  std::swap(packets, bsp_packets);
+  for (int f = 0; f < face_count; ++f) {
+    faces[static_cast<size_t>(f)].first_packet = tiles + first_packet[static_cast<size_t>(f)];
+    faces[static_cast<size_t>(f)].end_packet = tiles + last_packet[static_cast<size_t>(f)];
+  }
+  end_packet = tiles + packet;
+  if (absl::Status status = ReservePackets(request); !status.ok()) return status;
+  std::copy(bsp_shadow.begin(), bsp_shadow.end(), shadow.data() + tiles);
+  std::swap(sorted_packets, bsp_packets);
   return absl::OkStatus();
 }
 
@@ -641,7 +817,7 @@ void MaskRenderer::Workspace::BoundFaces() {
       face.v_max = std::max(face.v_max, chunk.counts.v_max[f]);
       face.farthest = std::max(face.farthest, chunk.counts.farthest[f]);
     }
-    if (face.first_packet == face.end_packet) continue;
+    if (!face.HasSamples()) continue;
     const auto axis_of = [this](int axis) {
       return glm::dvec3(frame.rotation[axis][0], frame.rotation[axis][1], frame.rotation[axis][2]);
     };
@@ -668,29 +844,17 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
                  : request.method == MaskMethod::kExhaustive ? Search::kExhaustive
                                                              : Search::kGrid;
   state.cell_start = cell_start.data();
+  state.entries = entries;
   state.bsp = bsp.data();
   state.packets = packets.data();
-  state.bounds = packet_bounds.data();
+  state.sorted_packets = sorted_packets.data();
+  state.first_sorted = tiles;
   state.shadow = shadow.data();
   state.touched = touched.data();
   state.touched_twice = touched_twice.data();
   if (request.output == MaskOutput::kTransmittance) {
     state.absorbance = absorbance.data();
     state.packet_lock = packet_lock.data();
-    tbb::parallel_for(tbb::blocked_range<uint32_t>(0, end_packet + 2, 4096),
-                      [&](const tbb::blocked_range<uint32_t>& range) {
-                        std::memset(absorbance.data() + size_t{range.begin()} * 3 * kPacket, 0,
-                                    range.size() * 3 * kPacket * sizeof(uint32_t));
-                        std::memset(packet_lock.data() + range.begin(), 0, range.size());
-                      });
-  }
-  for (int f = 0; f < face_count; ++f) {
-    const Face& face = faces[static_cast<size_t>(f)];
-    tbb::parallel_for(tbb::blocked_range<uint32_t>(face.first_packet, face.end_packet, 4096),
-                      [&](const tbb::blocked_range<uint32_t>& range) {
-                        BoundPackets(face, frame.directional, range.begin(), range.end(), packets.data(),
-                                     packet_bounds.data());
-                      });
   }
   for (auto& list : deferred) list.clear();
 
@@ -786,46 +950,124 @@ class AbsorbanceTable {
 
 }  // namespace
 
+namespace {
+
+/// Four tiles side by side, each a 16-bit word of four lines of four bits, as four lines of 16 bits: the
+/// transpose of a 4x4 matrix of half-bytes.
+uint64_t LinesOfTiles(uint64_t tiles) {
+  static_assert(kTileWidth == 4 && kTileHeight == 4);
+  const uint64_t outer = (tiles ^ (tiles >> 12)) & 0x0000F0F00000F0F0u;
+  tiles ^= outer ^ (outer << 12);
+  const uint64_t inner = (tiles ^ (tiles >> 24)) & 0x00000000FF00FF00u;
+  return tiles ^ inner ^ (inner << 24);
+}
+
+}  // namespace
+
+size_t MaskRenderer::Workspace::ResolveTileRow(size_t tile_row, size_t bytes_per_row, bool transmit,
+                                               size_t light) {
+  constexpr size_t kTilesInWord = kPacket / kTileWidth;
+  const auto height = static_cast<size_t>(layers[0].depth.height);
+  const auto width = static_cast<size_t>(layers[0].depth.width);
+  const auto row_tiles = static_cast<size_t>(tiles_in_row);
+  const uint16_t* from = shadow.data() + tile_row * row_tiles;
+  const size_t layer = tile_row / static_cast<size_t>(tile_rows);
+  const size_t first_y = tile_row % static_cast<size_t>(tile_rows) * kTileHeight;
+  const size_t lines = std::min<size_t>(kTileHeight, height - first_y);
+  uint8_t* out = bits[light].data() + (layer * height + first_y) * bytes_per_row;
+  size_t count = 0;
+  for (size_t x = 0; x < row_tiles; x += kTilesInWord) {
+    uint64_t tiles_of_word = 0;  // x86 is little-endian.
+    std::memcpy(&tiles_of_word, from + x, std::min(kTilesInWord, row_tiles - x) * sizeof(uint16_t));
+    const uint64_t words = LinesOfTiles(tiles_of_word);
+    count += static_cast<size_t>(std::popcount(words));
+    for (size_t line = 0; line < lines; ++line) {
+      const auto packed = static_cast<uint16_t>(words >> (16 * line));
+      std::memcpy(out + line * bytes_per_row + x / kTilesInWord * 2, &packed, sizeof(packed));
+    }
+  }
+  if (!transmit) return count;
+  static const AbsorbanceTable table;
+  for (size_t line = 0; line < lines; ++line) {
+    uint8_t* colour = rgb[light].data() + (layer * height + first_y + line) * width * 3;
+    for (size_t x = 0; x < width; ++x) {
+      const size_t tile = tile_row * row_tiles + x / kTileWidth;
+      const size_t lane = line * kTileWidth + x % kTileWidth;
+      const bool blocked = (shadow[tile] >> lane & 1) != 0;
+      const uint32_t* sums = absorbance.data() + tile * 3 * kPacket + lane;
+      for (size_t channel = 0; channel < 3; ++channel) {
+        colour[3 * x + channel] = blocked ? 0 : table.Value(sums[channel * kPacket]);
+      }
+    }
+  }
+  return count;
+}
+
+void MaskRenderer::Workspace::GatherScattered(const MaskRequest& request) {
+  const bool transmit = request.output == MaskOutput::kTransmittance;
+  for (const Chunk& chunk : chunks) {
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, chunk.scattered.size(), 256),
+                      [&](const tbb::blocked_range<size_t>& range) {
+                        for (size_t i = range.begin(); i != range.end(); ++i) {
+                          const uint32_t tile = chunk.scattered[i];
+                          const uint32_t* places = place.data() + (chunk.first_scattered + i) * kPacket;
+                          unsigned bits = shadow[tile];
+                          for (size_t lane = 0; lane < kPacket; ++lane) {
+                            if (places[lane] == kNoPlace) continue;
+                            const size_t from = tiles + places[lane] / kPacket,
+                                         from_lane = places[lane] % kPacket;
+                            bits |= (shadow[from] >> from_lane & 1u) << lane;
+                            if (!transmit) continue;
+                            for (size_t channel = 0; channel < 3; ++channel) {
+                              absorbance[(size_t{tile} * 3 + channel) * kPacket + lane] =
+                                  absorbance[(from * 3 + channel) * kPacket + from_lane];
+                            }
+                          }
+                          shadow[tile] = static_cast<uint16_t>(bits);
+                        }
+                      });
+  }
+}
+
 void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) {
   LightMask& mask = masks[light];
   const size_t height = static_cast<size_t>(layers[0].depth.height);
   const size_t width = static_cast<size_t>(layers[0].depth.width);
-  const size_t rows = height * layers.size();
-  mask.bytes_per_row = padded_width / 8;
-  bits[light].resize(rows * mask.bytes_per_row);
-  if (request.output == MaskOutput::kTransmittance) rgb[light].resize(rows * width * 3);
-  tbb::parallel_for(tbb::blocked_range<uint32_t>(0, end_packet, 8192),
-                    [&](const tbb::blocked_range<uint32_t>& range) {
-                      for (uint32_t p = range.begin(); p != range.end(); ++p) {
-                        touched_twice[p] = static_cast<uint16_t>(touched_twice[p] & ~shadow[p]);
+  const bool transmit = request.output == MaskOutput::kTransmittance;
+  mask.bytes_per_row = (width + kPacket - 1) / kPacket * 2;
+  bits[light].resize(height * layers.size() * mask.bytes_per_row);
+  if (transmit) rgb[light].resize(height * layers.size() * width * 3);
+  std::atomic<size_t> undecided{0};
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, end_packet, 1 << 14),
+                    [&](const tbb::blocked_range<size_t>& range) {
+                      size_t count = 0;
+                      for (size_t p = range.begin(); p != range.end(); ++p) {
+                        if (touched_twice[p] == 0) continue;
+                        count += static_cast<size_t>(
+                            std::popcount(static_cast<unsigned>(touched_twice[p] & ~shadow[p] & 0xFFFF)));
+                      }
+                      undecided.fetch_add(count, std::memory_order_relaxed);
+                    });
+  mask.undecided_samples = undecided.load();
+  if (scattered_tiles > 0) GatherScattered(request);
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, tiles, 1 << 14),
+                    [&](const tbb::blocked_range<size_t>& range) {
+                      for (size_t t = range.begin(); t != range.end(); ++t) {
+                        shadow[t] = static_cast<uint16_t>((shadow[t] & present[t]) | facing[t]);
                       }
                     });
-  for (uint32_t p = 0; p < end_packet; ++p) {
-    mask.undecided_samples += static_cast<size_t>(std::popcount(touched_twice[p]));
-  }
-  static const AbsorbanceTable table;
+
   std::atomic<size_t> shadowed{0};
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, rows, 16), [&](const tbb::blocked_range<size_t>& range) {
-    size_t count = 0;
-    for (size_t row = range.begin(); row != range.end(); ++row) {
-      const uint32_t* places = place.data() + row * padded_width;
-      uint8_t* row_bits = bits[light].data() + row * mask.bytes_per_row;
-      count += PackBits(places, padded_width, shadow.data(), row_bits);
-      if (request.output != MaskOutput::kTransmittance) continue;
-      uint8_t* out = rgb[light].data() + row * width * 3;
-      for (size_t x = 0; x < width; ++x) {
-        const uint32_t p = places[x];
-        const bool blocked = (shadow[p / kPacket] >> (p % kPacket) & 1) != 0;
-        const uint32_t* sums = absorbance.data() + p / kPacket * 3 * kPacket + p % kPacket;
-        for (size_t channel = 0; channel < 3; ++channel) {
-          out[3 * x + channel] = blocked ? 0 : table.Value(sums[channel * kPacket]);
-        }
-      }
-    }
-    shadowed.fetch_add(count, std::memory_order_relaxed);
-  });
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, static_cast<size_t>(tile_rows) * layers.size(), 4),
+                    [&](const tbb::blocked_range<size_t>& range) {
+                      size_t count = 0;
+                      for (size_t row = range.begin(); row != range.end(); ++row) {
+                        count += ResolveTileRow(row, mask.bytes_per_row, transmit, light);
+                      }
+                      shadowed.fetch_add(count, std::memory_order_relaxed);
+                    });
   mask.bits = bits[light];
-  if (request.output == MaskOutput::kTransmittance) mask.rgb = rgb[light];
+  if (transmit) mask.rgb = rgb[light];
   if (request.output == MaskOutput::kCoverage) {
     ResolveCoverage(width, height, &coverage[light]);
     mask.coverage = coverage[light];
@@ -834,6 +1076,7 @@ void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) 
   mask.faces = face_count;
   for (const Chunk& chunk : chunks) {
     mask.samples += chunk.counts.samples;
+    mask.known_samples += chunk.counts.known;
     mask.facing_away_samples += chunk.counts.facing_away;
     mask.outside_cone_samples += chunk.counts.outside_cone;
   }
@@ -841,15 +1084,17 @@ void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) 
 
 void MaskRenderer::Workspace::ResolveCoverage(size_t width, size_t height, std::vector<uint8_t>* out) const {
   out->resize(width * height);
-  const uint32_t lit_mark = end_packet * kPacket;  // Background and what is outside the cone.
+  const auto row_tiles = static_cast<size_t>(tiles_in_row);
   tbb::parallel_for(tbb::blocked_range<size_t>(0, height, 16), [&](const tbb::blocked_range<size_t>& range) {
     for (size_t y = range.begin(); y != range.end(); ++y) {
       for (size_t x = 0; x < width; ++x) {
+        const size_t tile_in_layer = y / kTileHeight * row_tiles + x / kTileWidth;
+        const size_t lane = y % kTileHeight * kTileWidth + x % kTileWidth;
         unsigned samples = 0, blocked = 0;
         for (const LayerSource& layer : layers) {
-          const uint32_t p = place[layer.first_pixel + y * padded_width + x];
-          samples += p != lit_mark;
-          blocked += shadow[p / kPacket] >> (p % kPacket) & 1u;
+          const size_t tile = layer.first_tile + tile_in_layer;
+          samples += static_cast<unsigned>(present[tile] | facing[tile]) >> lane & 1u;
+          blocked += static_cast<unsigned>(shadow[tile]) >> lane & 1u;
         }
         const unsigned lit = samples - blocked;
         (*out)[y * width + x] =
@@ -863,11 +1108,15 @@ absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, si
   const absl::StatusOr<RaySpace> ray_space = RaySpace::Create(request.lights[light]);
   if (!ray_space.ok()) {
     return absl::Status(ray_space.status().code(),
-                        absl::StrFormat("lights[%d].%s", light, ray_space.status().message()));
+                        absl::StrFormat("lights[%d].%s.%s", light, KindName(request.lights[light]),
+                                        ray_space.status().message()));
   }
   LightMask& mask = masks[light];
   mask = LightMask{};
   Stopwatch watch;
+  for (size_t i = 0; i < layers.size(); ++i) {
+    layers[i].known = request.known.empty() ? ImageView<uint8_t>{} : request.known[light * layers.size() + i];
+  }
 
   // 1. Ray coordinates whose third axis looks towards the samples, if they all lie to one side of the light.
   SetUpFrame(*ray_space);
@@ -887,7 +1136,7 @@ absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, si
   if (frame.directional || frame.has_cone) BasisAround(ray_space->ws_direction(), hint, frame.rotation);
   set_matrices();
   int stride = 2;
-  CollectRays(request.cancellation, &stride);
+  CollectRays(request, &stride);
   if (frame.directional) {
     face_count = 1;
     // Only the exact value of what is subtracted matters: single precision, so that casters lose nothing by
@@ -902,7 +1151,7 @@ absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, si
     frame.ws_origin = glm::dvec3(glm::vec3(frame.ws_origin));
     if (!std::isfinite(glm::dot(frame.ws_origin, frame.ws_origin))) frame.ws_origin = glm::dvec3(0.0);
     set_matrices();
-    CollectRays(request.cancellation, &stride);
+    CollectRays(request, &stride);
   } else if (frame.has_cone) {
     face_count = frame.cos_outer >= 0.4 ? 1 : 6;
   } else if (const glm::dvec3 axis = SingleFaceAxis(rays); axis != glm::dvec3(0.0) || rays.empty()) {
@@ -917,33 +1166,34 @@ absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, si
       }
     }
   }
+  // Two rays stand for a tile.
   const size_t expected =
-      rays.size() * static_cast<size_t>(stride) * static_cast<size_t>(std::max(stride / 2, 1));
+      rays.size() * kPacket / 2 * static_cast<size_t>(stride) * static_cast<size_t>(stride);
   PlanFaces(expected);
   if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
   mask.milliseconds.plan = watch.Lap();
 
-  // 2. Sort the samples into cells.
+  // 2. Enter the samples in cells: tile by tile, or one by one where tiles are torn.
   size_t off_face = 0;
-  if (absl::Status status = BinAll(request.cancellation, &off_face); !status.ok()) return status;
+  if (absl::Status status = SetUpAllTiles(request, &off_face); !status.ok()) return status;
   if (off_face > 0) {
     // Rare samples that the planning ones did not foresee: all directions, then.
     face_count = 6;
     PlanFaces(expected);
-    if (absl::Status status = BinAll(request.cancellation, &off_face); !status.ok()) return status;
+    if (absl::Status status = SetUpAllTiles(request, &off_face); !status.ok()) return status;
   }
-  if (absl::Status status = ReserveSamples(request); !status.ok()) return status;
-  mask.milliseconds.bin = watch.Lap();
-  PlaceAll(request.cancellation);
-  if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
-  mask.milliseconds.place = watch.Lap();
-  if (request.method == MaskMethod::kBsp) {
-    if (absl::Status status = BuildBspOrder(request.cancellation); !status.ok()) return status;
-    mask.milliseconds.hierarchy = watch.Lap();
+  mask.milliseconds.tiles = watch.Lap();
+  if (absl::Status status = SortScattered(request); !status.ok()) return status;
+  BoundFaces();
+  mask.milliseconds.scattered = watch.Lap();
+  if (request.method == MaskMethod::kGrid) {
+    if (absl::Status status = SortEntries(request); !status.ok()) return status;
+  } else if (request.method == MaskMethod::kBsp) {
+    if (absl::Status status = BuildBspOrder(request); !status.ok()) return status;
   }
+  mask.milliseconds.hierarchy = watch.Lap();
 
   // 3. Stream the triangles over them.
-  BoundFaces();
   Walk(request);
   if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
   mask.milliseconds.walk = watch.Lap();
@@ -965,19 +1215,20 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
   w.SetUpLayers(request);
   w.SetUpCasters(request);
   if (absl::Status status = w.PlaceMovedInstances(request); !status.ok()) return status;
-  if (!w.place.Reserve(w.pixels) || !w.rank.Reserve(w.pixels)) return OutOfMemory(w.pixels);
-  w.chunks.clear();
+  if (!w.packets.Reserve(size_t{w.tiles} * kPacketFloats) || !w.present.Reserve(w.tiles) ||
+      !w.facing.Reserve(w.tiles)) {
+    return OutOfMemory(w.tiles);
+  }
   const int threads = std::max(tbb::this_task_arena::max_concurrency(), 1);
-  const int height = w.layers[0].depth.height;
   const int per_layer =
-      std::clamp(threads / static_cast<int>(std::min<size_t>(w.layers.size(), 1024)), 1, height);
-  for (size_t layer = 0; layer < w.layers.size(); ++layer) {
-    for (int i = 0; i < per_layer; ++i) {
-      w.chunks.push_back({layer,
-                          static_cast<int>(int64_t{height} * i / per_layer),
-                          static_cast<int>(int64_t{height} * (i + 1) / per_layer),
-                          {}});
-    }
+      std::clamp(kChunksPerThread * threads / static_cast<int>(w.layers.size()), 1, w.tile_rows);
+  w.chunks.resize(static_cast<size_t>(per_layer) * w.layers.size());  // They keep their memory.
+  for (size_t i = 0; i < w.chunks.size(); ++i) {
+    Chunk& chunk = w.chunks[i];
+    const auto part = static_cast<int64_t>(i % static_cast<size_t>(per_layer));
+    chunk.layer = i / static_cast<size_t>(per_layer);
+    chunk.row_begin = static_cast<int>(w.tile_rows * part / per_layer);
+    chunk.row_end = static_cast<int>(w.tile_rows * (part + 1) / per_layer);
   }
   w.masks.resize(request.lights.size());
   if (w.bits.size() < request.lights.size()) w.bits.resize(request.lights.size());
@@ -991,15 +1242,48 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
 
 size_t MaskRenderer::MemoryBytes() const {
   const Workspace& w = *workspace_;
-  size_t bytes = w.place.MemoryBytes() + w.rank.MemoryBytes() + w.packets.MemoryBytes() +
-                 w.bsp_packets.MemoryBytes() + w.packet_bounds.MemoryBytes() + w.shadow.MemoryBytes() +
-                 w.touched.MemoryBytes() + w.touched_twice.MemoryBytes() + w.absorbance.MemoryBytes() +
-                 w.packet_lock.MemoryBytes() + w.histograms.MemoryBytes() + w.cell_start.MemoryBytes();
+  size_t bytes = w.packets.MemoryBytes() + w.present.MemoryBytes() + w.facing.MemoryBytes() +
+                 w.place.MemoryBytes() + w.rank.MemoryBytes() + w.sorted_packets.MemoryBytes() +
+                 w.bsp_packets.MemoryBytes() + w.shadow.MemoryBytes() + w.touched.MemoryBytes() +
+                 w.touched_twice.MemoryBytes() + w.absorbance.MemoryBytes() + w.packet_lock.MemoryBytes() +
+                 w.entry_floats.MemoryBytes() + w.entry_packet.MemoryBytes() +
+                 w.sorted_entries.MemoryBytes() + w.histograms.MemoryBytes() +
+                 w.sort_histograms.MemoryBytes() + w.row_reaches.MemoryBytes() + w.cell_start.MemoryBytes();
+  for (const Chunk& chunk : w.chunks) {
+    bytes += chunk.entries.capacity() * sizeof(PacketEntry) + chunk.scattered.capacity() * sizeof(uint32_t);
+  }
   for (const auto& mask : w.bits) bytes += mask.capacity();
   for (const auto& mask : w.rgb) bytes += mask.capacity();
   for (const auto& mask : w.coverage) bytes += mask.capacity();
   bytes += w.moved_blocks.MemoryBytes() + w.moved_clusters.capacity() * sizeof(MaskScene::Cluster);
   return bytes;
+}
+
+std::vector<uint8_t> KnownAwayFromEdges(std::span<const uint8_t> in_shadow, int width, int height,
+                                        int radius) {
+  const auto w = static_cast<size_t>(width), h = static_cast<size_t>(height), r = static_cast<size_t>(radius);
+  // Separable: the least and the greatest answer within the radius along rows, then along columns.
+  std::vector<uint8_t> seen(w * h);  // Bit 0: lit within reach; bit 1: in shadow.
+  for (size_t y = 0; y < h; ++y) {
+    for (size_t x = 0; x < w; ++x) {
+      uint8_t bits = 0;
+      const size_t end = std::min(w, x + r + 1);
+      for (size_t i = x > r ? x - r : 0; i < end && bits != 3; ++i) bits |= in_shadow[y * w + i] != 0 ? 2 : 1;
+      seen[y * w + x] = bits;
+    }
+  }
+  std::vector<uint8_t> known(w * h);
+  for (size_t y = 0; y < h; ++y) {
+    const size_t first = y > r ? y - r : 0, end = std::min(h, y + r + 1);
+    for (size_t i = first; i < end; ++i) {
+      for (size_t x = 0; x < w; ++x) known[y * w + x] |= seen[i * w + x];
+    }
+    for (size_t x = 0; x < w; ++x) {
+      uint8_t& value = known[y * w + x];
+      if (value == 3) value = static_cast<uint8_t>(KnownShadow::kUnknown);
+    }
+  }
+  return known;
 }
 
 std::string_view MaskMethodName(MaskMethod method) {

@@ -61,7 +61,7 @@ enum class MaskOutput {
 };
 
 /// What the depth values went through before they became float; decides the error bound.
-enum class DepthFormat { kFloat32, kUnorm24, kUnorm16, kFloat16 };
+enum class DepthPrecision { kFloat32, kUnorm24, kUnorm16, kFloat16 };
 
 /// One visible sample a pixel. Several samples a pixel (multisampling) are several layers with different
 /// pixel_offset; semi-transparent receivers are several layers with the same one.
@@ -79,6 +79,14 @@ struct MovedInstance {
   glm::mat4x3 world_from_object{1.0f};
 };
 
+/// What is known of a pixel's shadow before its mask is rendered.
+enum class KnownShadow : uint8_t { kUnknown = 0, kLit = 1, kShadowed = 2 };
+
+/// For hybrid masks: the answers of a shadow map (not 0: in shadow; rows packed) as KnownShadow, but unknown
+/// where another answer is within `radius` pixels: maps err along the edges of their shadows.
+std::vector<uint8_t> KnownAwayFromEdges(std::span<const uint8_t> in_shadow, int width, int height,
+                                        int radius);
+
 struct MaskRequest {
   const MaskScene* scene = nullptr;
   const Camera* camera = nullptr;  ///< May be null if all layers have positions.
@@ -87,7 +95,10 @@ struct MaskRequest {
   /// Instances that are elsewhere than the scene says, none twice. The scene itself is not changed, so that
   /// many frames can share it; costs one pass over these instances' triangles.
   std::span<const MovedInstance> moved_instances;
-  DepthFormat depth_format = DepthFormat::kFloat32;
+  /// Optional: KnownShadow of each pixel, for light i and layer j at i * layers.size() + j. What is known is
+  /// taken over and costs next to nothing; the rest is rendered.
+  std::span<const ImageView<uint8_t>> known;
+  DepthPrecision depth_precision = DepthPrecision::kFloat32;
   MaskOutput output = MaskOutput::kBits;
   MaskMethod method = MaskMethod::kGrid;
   const Cancellation* cancellation = nullptr;
@@ -95,8 +106,13 @@ struct MaskRequest {
 
 /// Wall-clock milliseconds of each phase.
 struct MaskTimings {
-  double plan = 0, bin = 0, place = 0, hierarchy = 0, walk = 0, resolve = 0;
-  double Total() const { return plan + bin + place + hierarchy + walk + resolve; }
+  double plan = 0;       ///< Layout of cells, from few samples.
+  double tiles = 0;      ///< Samples to ray coordinates.
+  double scattered = 0;  ///< Sorting of those that are not close to their neighbours.
+  double hierarchy = 0;  ///< Table of cells, or the BSP.
+  double walk = 0;       ///< Triangles over samples.
+  double resolve = 0;    ///< Answers back to pixels.
+  double Total() const { return plan + tiles + scattered + hierarchy + walk + resolve; }
 };
 
 /// One light's masks of all layers. The memory belongs to the renderer.
@@ -108,6 +124,7 @@ struct LightMask {
   std::span<const uint8_t> rgb;       ///< kTransmittance: layer after layer, width * height * 3 bytes each.
   std::span<const uint8_t> coverage;  ///< kCoverage: width * height bytes, whatever the number of layers.
   size_t samples = 0;                 ///< Not background.
+  size_t known_samples = 0;           ///< Taken over from MaskRequest::known.
   size_t facing_away_samples = 0;     ///< Decided by their normals; in shadow.
   size_t outside_cone_samples = 0;    ///< Decided by the spot's cone; their bits are clear.
   size_t shadowed_samples = 0;        ///< Set bits.
@@ -137,7 +154,7 @@ class MaskRenderer {
   MaskRenderer& operator=(MaskRenderer&&) noexcept;
 
   /// Masks of all lights, in their order; valid until the next call. InvalidArgument names the field, as
-  /// "lights[1].direction: zero-length vector" or "layers[0].depth: size 0x4". ResourceExhausted where
+  /// "lights[1].spot.direction: zero-length vector" or "layers[0].depth: size 0x4". ResourceExhausted where
   /// memory runs out, Cancelled or DeadlineExceeded within milliseconds of the request's cancellation asking
   /// for it.
   absl::StatusOr<std::span<const LightMask>> Render(const MaskRequest& request);

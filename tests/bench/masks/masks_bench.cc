@@ -186,20 +186,21 @@ double Run(const BenchScene& bench, const Options& options, int threads, double 
       for (const MaskTimings& t : phases) least = std::min(least, t.*member);
       return least;
     };
-    std::printf("   plan %.2f  bin %.2f  place %.2f  walk %.2f  resolve %.2f", phase(&MaskTimings::plan),
-                phase(&MaskTimings::bin), phase(&MaskTimings::place), phase(&MaskTimings::walk),
-                phase(&MaskTimings::resolve));
+    std::printf("   plan %.2f  tiles %.2f  scattered %.2f  cells %.2f  walk %.2f  resolve %.2f",
+                phase(&MaskTimings::plan), phase(&MaskTimings::tiles), phase(&MaskTimings::scattered),
+                phase(&MaskTimings::hierarchy), phase(&MaskTimings::walk), phase(&MaskTimings::resolve));
   }
   std::printf("\n");
   if (options.phases) {
-    // What each phase must at least move: depth, cell and rank of a pixel; sixteen bytes a sample, read
-    // before they are written; nine floats a triangle and the packets once. A share of the copy bandwidth.
+    // What each phase must at least move: a pixel's depth, and a sample of sixteen bytes; a packet's entry of
+    // 28, written, read and written; nine floats a triangle and the samples once; four bits of answers a
+    // pixel.
     const double pixels = double(bench.width) * bench.height, samples = double(mask.samples);
-    const double bytes[4] = {12 * pixels, 16 * pixels + 32 * samples,
-                             36 * double(scene->TriangleCount()) + 16 * samples, 4 * pixels + pixels / 8};
-    double MaskTimings::*const members[4] = {&MaskTimings::bin, &MaskTimings::place, &MaskTimings::walk,
+    const double bytes[4] = {4 * pixels + 16 * samples, 3 * 28 * samples / 16,
+                             36 * double(scene->TriangleCount()) + 16 * samples, pixels / 2};
+    double MaskTimings::*const members[4] = {&MaskTimings::tiles, &MaskTimings::hierarchy, &MaskTimings::walk,
                                              &MaskTimings::resolve};
-    const char* const names[4] = {"bin", "place", "walk", "resolve"};
+    const char* const names[4] = {"tiles", "cells", "walk", "resolve"};
     std::printf("  share of copy bandwidth:");
     for (int i = 0; i < 4; ++i) {
       double least = 1e300;

@@ -672,7 +672,7 @@ TEST(ShadowMasks, BadInputIsNamed) {
   layer.pixel_offset.x = 0.5;
   const Light lights[] = {light, DirectionalLight{{0, 0, 0}}};
   request.lights = lights;
-  EXPECT_THAT(message(request), HasSubstr("lights[1].direction: zero-length"));
+  EXPECT_THAT(message(request), HasSubstr("lights[1].directional.direction: zero-length"));
   EXPECT_THAT(ParseMaskMethod("quadtree").status().message(), HasSubstr("quadtree"));
   EXPECT_EQ(*ParseMaskMethod("bsp"), MaskMethod::kBsp);
 }
