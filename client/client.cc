@@ -13,8 +13,10 @@
 #include "absl/strings/str_cat.h"
 #include "client/grpc_status.h"
 #include "shadowfit/v1/info.grpc.pb.h"
+#include "shadowfit/v1/mask.grpc.pb.h"
 #include "shadowfit/v1/optimizer.grpc.pb.h"
 #include "shadowfit/v1/resolution.grpc.pb.h"
+#include "shadowfit/v1/scene.grpc.pb.h"
 
 namespace shadowfit {
 namespace {
@@ -27,7 +29,10 @@ constexpr char kServiceConfig[] = R"({
   "methodConfig": [{
     "name": [
       {"service": "shadowfit.v1.OptimizerService", "method": "Optimize"},
-      {"service": "shadowfit.v1.ResolutionService", "method": "EstimateResolution"}
+      {"service": "shadowfit.v1.ResolutionService", "method": "EstimateResolution"},
+      {"service": "shadowfit.v1.MaskService", "method": "RenderMasks"},
+      {"service": "shadowfit.v1.SceneService", "method": "FindMissingScenes"},
+      {"service": "shadowfit.v1.SceneService", "method": "ListScenes"}
     ],
     "retryPolicy": {
       "maxAttempts": 4,
@@ -40,11 +45,11 @@ constexpr char kServiceConfig[] = R"({
 })";
 
 // Hands a message to a request for as long as a call lasts: a frame is megabytes that need no copy.
-template <typename Request>
+template <typename Frame, typename Request>
 class BorrowedFrame {
  public:
-  BorrowedFrame(const v1::Frame& frame, Request& request) : request_(request) {
-    request_.unsafe_arena_set_allocated_frame(const_cast<v1::Frame*>(&frame));  // It is only read.
+  BorrowedFrame(const Frame& frame, Request& request) : request_(request) {
+    request_.unsafe_arena_set_allocated_frame(const_cast<Frame*>(&frame));  // It is only read.
   }
   ~BorrowedFrame() { static_cast<void>(request_.unsafe_arena_release_frame()); }
   BorrowedFrame(const BorrowedFrame&) = delete;
@@ -131,6 +136,93 @@ absl::StatusOr<v1::ResolutionResult> Client::EstimateResolution(
 
 std::unique_ptr<FrameStream> Client::OpenStream(const FrameStreamOptions& options) {
   return std::make_unique<FrameStream>(channel_, name_, options);
+}
+
+absl::StatusOr<v1::MaskResult> Client::RenderMasks(const v1::MaskFrame& frame, const PackedScene* scene,
+                                                   const CallOptions& options) {
+  const auto stub = v1::MaskService::NewStub(channel_);
+  v1::RenderMasksRequest request;
+  const BorrowedFrame borrowed(frame, request);
+  v1::RenderMasksResponse response;
+  const auto render = [&] {
+    return RunCall(name_, options, [&](grpc::ClientContext* context) {
+      return stub->RenderMasks(context, request, &response);
+    });
+  };
+  absl::Status status = render();
+  // Several replicas take turns, each with scenes of its own. Were each attempt to upload once, calls and
+  // uploads could miss each other for ever; more uploads from attempt to attempt reach all replicas. Those
+  // that have the scene answer at once.
+  constexpr int kMostUploads = 8;
+  for (int uploads = 1; scene != nullptr && absl::IsNotFound(status) && uploads <= kMostUploads; ++uploads) {
+    for (int i = 0; i < uploads; ++i) {
+      const auto uploaded = UploadScene(*scene, options);
+      if (!uploaded.ok()) return uploaded.status();
+    }
+    status = render();
+  }
+  if (!status.ok()) return status;
+  return std::move(*response.mutable_result());
+}
+
+std::unique_ptr<MaskStream> Client::OpenMaskStream(const FrameStreamOptions& options) {
+  return std::make_unique<MaskStream>(channel_, name_, options);
+}
+
+absl::StatusOr<std::vector<std::string>> Client::FindMissingScenes(std::span<const std::string> digests,
+                                                                   const CallOptions& options) {
+  const auto stub = v1::SceneService::NewStub(channel_);
+  v1::FindMissingScenesRequest request;
+  request.mutable_digests()->Add(digests.begin(), digests.end());
+  v1::FindMissingScenesResponse response;
+  const absl::Status status = RunCall(name_, options, [&](grpc::ClientContext* context) {
+    return stub->FindMissingScenes(context, request, &response);
+  });
+  if (!status.ok()) return status;
+  return std::vector<std::string>(response.missing_digests().begin(), response.missing_digests().end());
+}
+
+absl::StatusOr<v1::UploadSceneResponse> Client::UploadScene(const PackedScene& scene,
+                                                            const CallOptions& options) {
+  constexpr size_t kChunkBytes = size_t{1} << 20;
+  const auto stub = v1::SceneService::NewStub(channel_);
+  v1::UploadSceneResponse response;
+  const absl::Status status = RunCall(name_, options, [&](grpc::ClientContext* context) {
+    const auto writer = stub->UploadScene(context, &response);
+    v1::UploadSceneRequest chunk;
+    chunk.set_digest(scene.digest);
+    chunk.set_total_bytes(scene.bytes.size());
+    bool open = true;
+    // The first message goes alone: a service that has the scene answers it, and no byte need be sent.
+    for (size_t at = 0; open; at += chunk.data().size(), chunk.clear_digest(), chunk.clear_total_bytes()) {
+      open = writer->Write(chunk);
+      if (at == scene.bytes.size()) break;
+      chunk.set_data(scene.bytes.substr(at, kChunkBytes));
+    }
+    if (open) writer->WritesDone();
+    return writer->Finish();  // Says why where the service would not read on.
+  });
+  if (!status.ok()) return status;
+  return response;
+}
+
+absl::StatusOr<v1::ListScenesResponse> Client::ListScenes(const CallOptions& options) {
+  const auto stub = v1::SceneService::NewStub(channel_);
+  v1::ListScenesResponse response;
+  const absl::Status status = RunCall(
+      name_, options, [&](grpc::ClientContext* context) { return stub->ListScenes(context, {}, &response); });
+  if (!status.ok()) return status;
+  return response;
+}
+
+absl::Status Client::DeleteScene(const std::string& digest, const CallOptions& options) {
+  const auto stub = v1::SceneService::NewStub(channel_);
+  v1::DeleteSceneRequest request;
+  request.set_digest(digest);
+  v1::DeleteSceneResponse response;
+  return RunCall(name_, options, [&](grpc::ClientContext* context) {
+    return stub->DeleteScene(context, request, &response);
+  });
 }
 
 absl::StatusOr<v1::GetInfoResponse> Client::GetInfo(const CallOptions& options) {

@@ -3,14 +3,19 @@
 #include <chrono>
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/frame_stream.h"
+#include "client/mask_stream.h"
+#include "client/packed_scene.h"
 #include "shadowfit/v1/frame.pb.h"
 #include "shadowfit/v1/info.pb.h"
+#include "shadowfit/v1/mask.pb.h"
 #include "shadowfit/v1/resolution.pb.h"
 
 namespace grpc {
@@ -63,6 +68,25 @@ class Client {
 
   /// Opens a stream, the fast way for a renderer. Does not block. The stream may outlive the client.
   std::unique_ptr<FrameStream> OpenStream(const FrameStreamOptions& options = {});
+
+  /// Alias-free shadow masks of one frame of a scene that was uploaded. NotFound where the service does not
+  /// have it (any more); with `scene`, whose digest must be the frame's, this uploads it then and tries
+  /// again.
+  absl::StatusOr<v1::MaskResult> RenderMasks(const v1::MaskFrame& frame, const PackedScene* scene = nullptr,
+                                             const CallOptions& options = {});
+
+  /// Opens a stream of frames and their masks. Does not block. The stream may outlive the client.
+  std::unique_ptr<MaskStream> OpenMaskStream(const FrameStreamOptions& options = {});
+
+  /// Those of the digests that the service lacks.
+  absl::StatusOr<std::vector<std::string>> FindMissingScenes(std::span<const std::string> digests,
+                                                             const CallOptions& options = {});
+  /// Uploads a scene in chunks; returns soon where the service has it already. The time limit must suffice
+  /// for its bytes.
+  absl::StatusOr<v1::UploadSceneResponse> UploadScene(const PackedScene& scene,
+                                                      const CallOptions& options = {});
+  absl::StatusOr<v1::ListScenesResponse> ListScenes(const CallOptions& options = {});
+  absl::Status DeleteScene(const std::string& digest, const CallOptions& options = {});
 
   absl::StatusOr<v1::GetInfoResponse> GetInfo(const CallOptions& options = {});
 

@@ -1,325 +1,54 @@
 #include "client/frame_stream.h"
 
-#include <grpcpp/channel.h>
-#include <grpcpp/client_context.h>
-#include <grpcpp/support/client_callback.h>
-
-#include <algorithm>
-#include <condition_variable>
-#include <deque>
-#include <mutex>
-#include <utility>
-#include <vector>
-
-#include "absl/strings/str_cat.h"
-#include "client/grpc_status.h"
+#include "client/client_stream_reactor.h"
 #include "shadowfit/v1/optimizer.grpc.pb.h"
 
 namespace shadowfit {
 namespace {
 
-using Clock = std::chrono::steady_clock;
+struct OptimizeTraits {
+  using Request = v1::OptimizeStreamRequest;
+  using Response = v1::OptimizeStreamResponse;
+  using Frame = v1::Frame;
+  using Outcome = FrameOutcome;
+  using Service = v1::OptimizerService;
+  static void Call(Service::Stub& stub, grpc::ClientContext* context,
+                   grpc::ClientBidiReactor<Request, Response>* reactor) {
+    stub.async()->OptimizeStream(context, reactor);
+  }
+};
 
 }  // namespace
 
-// Lives until gRPC has told it OnDone, whatever becomes of the FrameStream. One mutex guards all state;
-// Start* calls are made under it, which is safe because gRPC never runs a reaction inside them.
-class FrameStream::Reactor final
-    : public grpc::ClientBidiReactor<v1::OptimizeStreamRequest, v1::OptimizeStreamResponse>,
-      public std::enable_shared_from_this<Reactor> {
+class FrameStream::Reactor {
  public:
-  Reactor(std::shared_ptr<grpc::Channel> channel, std::string name, const FrameStreamOptions& options)
-      : channel_(std::move(channel)),
-        name_(std::move(name)),
-        options_(options),
-        stub_(v1::OptimizerService::NewStub(channel_)),
-        slots_(std::max(1, options.max_in_flight)) {}
-
-  void Start() {
-    self_ = shared_from_this();
-    stub_->async()->OptimizeStream(&context_, this);
-    AddHold();  // Until the stream ends, so that Submit() may start writes from outside of reactions.
-    StartRead(&response_);
-    StartCall();
-  }
-
-  v1::Frame* Acquire() {
-    const std::lock_guard lock(mutex_);
-    for (Slot& slot : slots_) {
-      if (slot.state != State::kFree || slot.writing) continue;
-      slot.state = State::kAcquired;
-      slot.request.Clear();
-      return slot.request.mutable_frame();
-    }
-    return nullptr;
-  }
-
-  absl::Status Submit(v1::Frame* frame) {
-    const std::lock_guard lock(mutex_);
-    Slot* slot = FindAcquired(frame);
-    if (slot == nullptr) return absl::InvalidArgumentError("frame: not one that Acquire() returned");
-    const uint64_t id = frame->frame_id();
-    if (!status_.ok() || id <= last_id_) {
-      slot->state = State::kFree;
-      if (!status_.ok()) return status_;
-      return absl::InvalidArgumentError(
-          absl::StrCat("frame_id: ", id, " is not above that of the frame before, ", last_id_));
-    }
-    last_id_ = id;
-    slot->state = State::kQueued;
-    slot->submitted = Clock::now();
-    slot->deadline = Clock::time_point::max();
-    if (options_.frame_timeout.count() > 0) {
-      slot->deadline = slot->submitted + options_.frame_timeout;
-      slot->request.set_timeout_seconds(std::chrono::duration<double>(options_.frame_timeout).count());
-    }
-    queue_.push_back(slot);
-    WriteNext();
-    return absl::OkStatus();
-  }
-
-  void Discard(v1::Frame* frame) {
-    const std::lock_guard lock(mutex_);
-    if (Slot* slot = FindAcquired(frame)) slot->state = State::kFree;
-  }
-
-  std::optional<FrameOutcome> Wait(std::chrono::milliseconds timeout) {
-    std::unique_lock lock(mutex_);
-    const Clock::time_point until = Clock::now() + timeout;
-    while (true) {
-      const Clock::time_point next_deadline = FailOverdueFrames();
-      if (!ready_.empty()) {
-        Slot* slot = ready_.front();
-        ready_.pop_front();
-        slot->state = State::kFree;
-        return std::exchange(slot->outcome, {});
-      }
-      if (CountInFlight() == 0 || Clock::now() >= until) return std::nullopt;
-      changed_.wait_until(lock, std::min(until, next_deadline));
-    }
-  }
-
-  int in_flight() const {
-    const std::lock_guard lock(mutex_);
-    return CountInFlight();
-  }
-
-  absl::Status status() const {
-    const std::lock_guard lock(mutex_);
-    return status_;
-  }
-
-  absl::Status Finish(std::chrono::milliseconds timeout) {
-    std::unique_lock lock(mutex_);
-    if (status_.ok()) status_ = absl::FailedPreconditionError("the stream was finished");
-    closing_ = true;
-    WriteNext();
-    const Clock::time_point until = Clock::now() + timeout;
-    while (!done_ && Clock::now() < until) {
-      const Clock::time_point next_deadline = FailOverdueFrames();
-      changed_.wait_until(lock, std::min(until, next_deadline));
-    }
-    if (!done_) {
-      lock.unlock();
-      Cancel();
-      lock.lock();
-      return absl::DeadlineExceededError(
-          absl::StrCat(name_, ": the stream did not end within ", timeout.count(), " ms"));
-    }
-    return final_status_;
-  }
-
-  /// Returns when nothing is under way any more; the service has no say in that.
-  void Cancel() {
-    std::unique_lock lock(mutex_);
-    if (!done_) {
-      cancelled_ = true;
-      if (status_.ok()) status_ = absl::CancelledError("the stream was cancelled");
-      lock.unlock();  // TryCancel may run reactions.
-      context_.TryCancel();
-      lock.lock();
-      changed_.wait(lock, [this] { return done_; });
-    }
-  }
-
-  void OnReadDone(bool ok) override {
-    const std::lock_guard lock(mutex_);
-    if (!ok) {
-      ended_ = true;
-      if (status_.ok()) status_ = absl::UnavailableError(absl::StrCat(name_, ": the stream is ending"));
-      RemoveHold();
-      return;
-    }
-    if (response_.draining()) {
-      closing_ = true;
-      if (status_.ok()) {
-        status_ =
-            absl::UnavailableError(absl::StrCat(name_, ": the service is shutting down; open a new stream"));
-      }
-      WriteNext();
-    } else if (Slot* slot = FindPending(response_.frame_id())) {
-      switch (response_.outcome_case()) {
-        case v1::OptimizeStreamResponse::kResult:
-          Settle(*slot, std::move(*response_.mutable_result()));
-          break;
-        case v1::OptimizeStreamResponse::kError:
-          Settle(*slot, StatusFromProto(response_.error(), name_));
-          break;
-        case v1::OptimizeStreamResponse::OUTCOME_NOT_SET:
-          Settle(*slot, absl::InternalError(absl::StrCat(name_, ": an answer without an outcome")));
-          break;
-      }
-    }  // Else the answer of a frame that has failed by its deadline already.
-    StartRead(&response_);
-  }
-
-  void OnWriteDone(bool ok) override {
-    const std::lock_guard lock(mutex_);
-    writing_->writing = false;
-    writing_ = nullptr;
-    if (ok) WriteNext();  // Else the stream is ending, and OnDone will say why.
-  }
-
-  void OnDone(const grpc::Status& status) override {
-    const std::shared_ptr<Reactor> keep = std::move(self_);
-    const std::lock_guard lock(mutex_);
-    done_ = true;
-    final_status_ = cancelled_ ? absl::CancelledError(absl::StrCat(name_, ": the stream was cancelled"))
-                               : StatusFromGrpc(status, name_);
-    absl::Status reason = final_status_;
-    if (reason.ok()) {
-      reason =
-          absl::UnavailableError(absl::StrCat(name_, ": the service ended the stream before its answer"));
-    }
-    for (Slot& slot : slots_) {
-      if (slot.state == State::kQueued || slot.state == State::kSent) Settle(slot, reason);
-    }
-    if (!closing_) status_ = reason;
-    changed_.notify_all();
-  }
-
- private:
-  enum class State {
-    kFree,
-    kAcquired,  // The caller fills it.
-    kQueued,    // Waits to be written.
-    kSent,      // Was handed to gRPC; waits for its answer.
-    kSettled,   // Its outcome waits in `ready_`.
-  };
-
-  struct Slot {
-    State state = State::kFree;
-    bool writing = false;  // gRPC still reads the message, even if the frame's fate is settled.
-    v1::OptimizeStreamRequest request;
-    Clock::time_point submitted;
-    Clock::time_point deadline;
-    FrameOutcome outcome;
-  };
-
-  Slot* FindAcquired(const v1::Frame* frame) {
-    for (Slot& slot : slots_) {
-      if (slot.state == State::kAcquired && &slot.request.frame() == frame) return &slot;
-    }
-    return nullptr;
-  }
-
-  Slot* FindPending(uint64_t frame_id) {
-    for (Slot& slot : slots_) {
-      if (slot.state == State::kSent && slot.request.frame().frame_id() == frame_id) return &slot;
-    }
-    return nullptr;
-  }
-
-  int CountInFlight() const {
-    return static_cast<int>(std::count_if(slots_.begin(), slots_.end(), [](const Slot& slot) {
-      return slot.state != State::kFree && slot.state != State::kAcquired;
-    }));
-  }
-
-  void Settle(Slot& slot, absl::StatusOr<v1::FrameResult> result) {
-    slot.state = State::kSettled;
-    slot.outcome.frame_id = slot.request.frame().frame_id();
-    slot.outcome.result = std::move(result);
-    slot.outcome.round_trip = Clock::now() - slot.submitted;
-    ready_.push_back(&slot);
-    changed_.notify_all();
-  }
-
-  // Returns when the next frame is due.
-  Clock::time_point FailOverdueFrames() {
-    const Clock::time_point now = Clock::now();
-    Clock::time_point next = Clock::time_point::max();
-    for (Slot& slot : slots_) {
-      if (slot.state != State::kQueued && slot.state != State::kSent) continue;
-      if (slot.deadline <= now) {
-        if (slot.state == State::kQueued) queue_.erase(std::find(queue_.begin(), queue_.end(), &slot));
-        Settle(slot, absl::DeadlineExceededError(
-                         absl::StrCat(name_, ": frame ", slot.request.frame().frame_id(),
-                                      " was not answered within ", options_.frame_timeout.count(), " ms")));
-      } else {
-        next = std::min(next, slot.deadline);
-      }
-    }
-    return next;
-  }
-
-  // gRPC allows one write at a time.
-  void WriteNext() {
-    if (writing_ != nullptr || ended_ || half_closed_) return;
-    if (!queue_.empty()) {
-      writing_ = queue_.front();
-      queue_.pop_front();
-      writing_->writing = true;
-      writing_->state = State::kSent;
-      StartWrite(&writing_->request);
-    } else if (closing_) {
-      half_closed_ = true;
-      StartWritesDone();
-    }
-  }
-
-  const std::shared_ptr<grpc::Channel> channel_;
-  const std::string name_;
-  const FrameStreamOptions options_;
-  const std::unique_ptr<v1::OptimizerService::Stub> stub_;
-  grpc::ClientContext context_;
-  std::shared_ptr<Reactor> self_;
-
-  mutable std::mutex mutex_;
-  std::condition_variable changed_;
-  std::vector<Slot> slots_;
-  std::deque<Slot*> queue_;  // State::kQueued, in order.
-  std::deque<Slot*> ready_;  // State::kSettled, in order.
-  Slot* writing_ = nullptr;
-  v1::OptimizeStreamResponse response_;
-  uint64_t last_id_ = 0;  // Ids begin at 1: 0 is that of a frame without one.
-  absl::Status status_;   // Why nothing can be submitted.
-  absl::Status final_status_;
-  bool closing_ = false;  // Half-close once the queue is empty.
-  bool half_closed_ = false;
-  bool cancelled_ = false;
-  bool ended_ = false;  // Nothing more can be read or written.
-  bool done_ = false;   // gRPC has let go of this object.
+  std::shared_ptr<ClientStreamReactor<OptimizeTraits>> stream;
 };
 
 FrameStream::FrameStream(std::shared_ptr<grpc::Channel> channel, std::string name,
                          const FrameStreamOptions& options)
-    : reactor_(std::make_shared<Reactor>(std::move(channel), std::move(name), options)) {
-  reactor_->Start();
+    : reactor_(std::make_shared<Reactor>()) {
+  reactor_->stream =
+      std::make_shared<ClientStreamReactor<OptimizeTraits>>(std::move(channel), std::move(name), options);
+  reactor_->stream->Start();
 }
 
-FrameStream::~FrameStream() { reactor_->Cancel(); }
+FrameStream::~FrameStream() { reactor_->stream->Cancel(); }
 
-v1::Frame* FrameStream::Acquire() { return reactor_->Acquire(); }
-absl::Status FrameStream::Submit(v1::Frame* frame) { return reactor_->Submit(frame); }
-void FrameStream::Discard(v1::Frame* frame) { reactor_->Discard(frame); }
-std::optional<FrameOutcome> FrameStream::Poll() { return reactor_->Wait(std::chrono::milliseconds(0)); }
+v1::Frame* FrameStream::Acquire() { return reactor_->stream->Acquire(); }
+absl::Status FrameStream::Submit(v1::Frame* frame) { return reactor_->stream->Submit(frame); }
+void FrameStream::Discard(v1::Frame* frame) { reactor_->stream->Discard(frame); }
+std::optional<FrameOutcome> FrameStream::Poll() {
+  return reactor_->stream->Wait(std::chrono::milliseconds(0));
+}
 std::optional<FrameOutcome> FrameStream::Wait(std::chrono::milliseconds timeout) {
-  return reactor_->Wait(timeout);
+  return reactor_->stream->Wait(timeout);
 }
-int FrameStream::in_flight() const { return reactor_->in_flight(); }
-absl::Status FrameStream::status() const { return reactor_->status(); }
-absl::Status FrameStream::Finish(std::chrono::milliseconds timeout) { return reactor_->Finish(timeout); }
-void FrameStream::Cancel() { reactor_->Cancel(); }
+int FrameStream::in_flight() const { return reactor_->stream->in_flight(); }
+absl::Status FrameStream::status() const { return reactor_->stream->status(); }
+absl::Status FrameStream::Finish(std::chrono::milliseconds timeout) {
+  return reactor_->stream->Finish(timeout);
+}
+void FrameStream::Cancel() { reactor_->stream->Cancel(); }
 
 }  // namespace shadowfit

@@ -17,6 +17,9 @@ void AddServerFlags(CLI::App& app, ServerOptions& options) {
       ->transform(CLI::AsSizeValue(false));
   app.add_option("--max-admitted-jobs", options.max_admitted_jobs,
                  "Requests that wait or are worked on, likewise");
+  app.add_option("--max-scene-bytes", options.max_scene_bytes,
+                 "Memory for uploaded scenes; those used longest ago make room for others")
+      ->transform(CLI::AsSizeValue(false));
   app.add_option("--max-streams", options.max_streams, "Streams that may be open");
   app.add_option("--max-frames-in-stream", options.max_frames_in_stream,
                  "Frames of one stream that are held; the stream is not read beyond them");

@@ -1,10 +1,9 @@
 #pragma once
 
-#include <vector>
-
 #include "absl/status/status.h"
 #include "core/fit/frame_optimizer.h"
 #include "core/fit/options.h"
+#include "server/field_decoding.h"
 #include "shadowfit/v1/frame.pb.h"
 
 namespace shadowfit {
@@ -25,10 +24,8 @@ class FrameDecoder {
   absl::Status Decode(const v1::Frame& frame, FrameRequest* request, Options* options);
 
  private:
-  absl::Status DecodeDepth(const v1::DepthBuffer& depth, DepthView* view);
-
   const MapSizes map_sizes_;
-  std::vector<float> converted_depth_;  // Of encodings other than float32.
+  DepthDecoder depth_;
 };
 
 }  // namespace shadowfit

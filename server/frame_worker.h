@@ -7,6 +7,8 @@
 #include "core/fit/frame_optimizer.h"
 #include "server/frame_decoder.h"
 #include "server/job.h"
+#include "server/mask_renderers.h"
+#include "server/scene_store.h"
 #include "shadowfit/v1/frame.pb.h"
 
 namespace shadowfit {
@@ -20,7 +22,8 @@ class FrameWorker {
     kLastFrame,  ///< A light without a previous matrix takes that of the last answer, by id.
   };
 
-  explicit FrameWorker(Memory memory) : memory_(memory) {}
+  FrameWorker(Memory memory, SceneStore& scenes, MaskRenderers& renderers)
+      : memory_(memory), scenes_(scenes), renderers_(renderers) {}
 
   /// `frame` null: the request lacks it. Errors carry the field as "frame.<path>" in a google.rpc.BadRequest.
   absl::Status Answer(const v1::Frame* frame, const JobContext& job, v1::FrameResult* result);
@@ -32,15 +35,20 @@ class FrameWorker {
   };
 
   absl::Status Optimize(const v1::Frame& frame, const JobContext& job, v1::FrameResult* result);
+  /// Exact bits of a stored scene, at the depth buffer's resolution.
+  absl::Status RenderBits(const v1::Frame& frame, const JobContext& job);
   void Recall();
   void Remember();
 
   const Memory memory_;
+  SceneStore& scenes_;
+  MaskRenderers& renderers_;
   FrameDecoder decoder_;
   FrameOptimizer optimizer_;
   FrameRequest request_;
   Options options_;
   FrameSummary summary_;
+  std::vector<uint32_t> rendered_bits_;
   std::vector<LastMatrix> last_;
   ClipDepth last_clip_depth_ = ClipDepth::kNegativeOneToOne;
 };

@@ -15,7 +15,8 @@ class OptimizeStreamReactor final
     : public StreamReactor<v1::OptimizeStreamRequest, v1::OptimizeStreamResponse> {
  public:
   OptimizeStreamReactor(grpc::CallbackServerContext* call, ServiceContext& context)
-      : StreamReactor(call, context, "OptimizeStream"), worker_(FrameWorker::Memory::kLastFrame) {}
+      : StreamReactor(call, context, "OptimizeStream"),
+        worker_(FrameWorker::Memory::kLastFrame, context.scenes, context.renderers) {}
 
  private:
   absl::StatusOr<double> Timeout(const v1::OptimizeStreamRequest& request) const override {
@@ -65,7 +66,8 @@ OptimizerServiceImpl::OptimizeStream(grpc::CallbackServerContext* call) {
 
 std::unique_ptr<FrameWorker> OptimizerServiceImpl::TakeWorker() {
   const std::lock_guard lock(mutex_);
-  if (idle_workers_.empty()) return std::make_unique<FrameWorker>(FrameWorker::Memory::kNone);
+  if (idle_workers_.empty())
+    return std::make_unique<FrameWorker>(FrameWorker::Memory::kNone, context_.scenes, context_.renderers);
   std::unique_ptr<FrameWorker> worker = std::move(idle_workers_.back());
   idle_workers_.pop_back();
   return worker;

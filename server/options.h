@@ -20,6 +20,8 @@ struct ServerOptions {
   /// Requests that wait or are worked on: their bytes and their number.
   size_t max_admitted_bytes = size_t{512} << 20;
   int max_admitted_jobs = 256;
+  /// Memory for uploaded scenes; those that are not in use make room for others.
+  size_t max_scene_bytes = size_t{2} << 30;
   /// Streams that may be open; each keeps the memory of its largest frames for the next ones.
   int max_streams = 256;
   /// Frames of one stream that the service holds; beyond them it does not read the stream.

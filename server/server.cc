@@ -23,16 +23,19 @@
 #include "server/info_service.h"
 #include "server/listen_address.h"
 #include "server/load_collector.h"
+#include "server/mask_service.h"
 #include "server/optimizer_service.h"
 #include "server/resolution_service.h"
+#include "server/scene_service.h"
 #include "server/service_context.h"
 
 namespace shadowfit {
 namespace {
 
-constexpr const char* kServiceNames[] = {v1::OptimizerService::service_full_name(),
-                                         v1::ResolutionService::service_full_name(),
-                                         v1::InfoService::service_full_name()};
+constexpr const char* kServiceNames[] = {
+    v1::OptimizerService::service_full_name(), v1::ResolutionService::service_full_name(),
+    v1::SceneService::service_full_name(), v1::MaskService::service_full_name(),
+    v1::InfoService::service_full_name()};
 
 // Reflection and the health service are plug-ins of every server that is built after they are enabled.
 void EnablePlugins() {
@@ -81,6 +84,7 @@ absl::Status CheckServerOptions(const ServerOptions& options) {
   }
   status.Update(CheckPositive("max_admitted_bytes", static_cast<double>(options.max_admitted_bytes)));
   status.Update(CheckPositive("max_admitted_jobs", options.max_admitted_jobs));
+  status.Update(CheckPositive("max_scene_bytes", static_cast<double>(options.max_scene_bytes)));
   status.Update(CheckPositive("max_streams", options.max_streams));
   status.Update(CheckPositive("max_frames_in_stream", options.max_frames_in_stream));
   status.Update(CheckSeconds("lame_duck_seconds", options.lame_duck_seconds));
@@ -90,7 +94,12 @@ absl::Status CheckServerOptions(const ServerOptions& options) {
 
 struct Server::Impl {
   explicit Impl(const ServerOptions& options)
-      : context(options), optimizer(context), resolution(context), info(context) {}
+      : context(options),
+        optimizer(context),
+        resolution(context),
+        scenes(context),
+        masks(context),
+        info(context) {}
 
   void SetServing(bool serving) const {
     grpc::HealthCheckServiceInterface* health = grpc->GetHealthCheckService();
@@ -101,6 +110,8 @@ struct Server::Impl {
   ServiceContext context;
   OptimizerServiceImpl optimizer;
   ResolutionServiceImpl resolution;
+  SceneServiceImpl scenes;
+  MaskServiceImpl masks;
   InfoServiceImpl info;
   std::shared_ptr<LoadCollector> load;
   std::unique_ptr<prometheus::Exposer> exposer;
@@ -116,6 +127,8 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   grpc::ServerBuilder builder;
   builder.RegisterService(&impl->optimizer);
   builder.RegisterService(&impl->resolution);
+  builder.RegisterService(&impl->scenes);
+  builder.RegisterService(&impl->masks);
   builder.RegisterService(&impl->info);
   builder.SetMaxReceiveMessageSize(static_cast<int>(options.max_message_bytes));
   builder.SetMaxSendMessageSize(-1);

@@ -3,9 +3,11 @@
 #include <chrono>
 
 #include "server/admission.h"
+#include "server/mask_renderers.h"
 #include "server/metrics.h"
 #include "server/open_streams.h"
 #include "server/options.h"
+#include "server/scene_store.h"
 #include "server/worker_pool.h"
 
 namespace shadowfit {
@@ -15,6 +17,7 @@ struct ServiceContext {
   explicit ServiceContext(const ServerOptions& server_options)
       : options(server_options),
         admission(options.max_admitted_bytes, options.max_admitted_jobs),
+        scenes(options.max_scene_bytes),
         pool(options.workers) {}
 
   const ServerOptions options;
@@ -22,6 +25,8 @@ struct ServiceContext {
   Metrics metrics;
   Admission admission;
   OpenStreams streams;
+  SceneStore scenes;
+  MaskRenderers renderers;
   WorkerPool pool;  // Last: its jobs use all of the above.
 };
 

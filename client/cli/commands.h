@@ -18,9 +18,11 @@ namespace shadowfit {
 void AddCompareCommand(CLI::App& app);
 void AddDemoCommand(CLI::App& app);
 void AddInfoCommand(CLI::App& app);
+void AddMaskCommand(CLI::App& app);
 void AddOptimizeCommand(CLI::App& app);
 void AddRenderCommand(CLI::App& app);
 void AddResolutionCommand(CLI::App& app);
+void AddSceneCommand(CLI::App& app);
 
 /// Whether the global flag --json was given, before or behind the command's name.
 bool JsonRequested(const CLI::App& command);

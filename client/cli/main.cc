@@ -22,9 +22,11 @@ int main(int argc, char** argv) {
   shadowfit::AddCompareCommand(app);
   shadowfit::AddDemoCommand(app);
   shadowfit::AddInfoCommand(app);
+  shadowfit::AddMaskCommand(app);
   shadowfit::AddOptimizeCommand(app);
   shadowfit::AddRenderCommand(app);
   shadowfit::AddResolutionCommand(app);
+  shadowfit::AddSceneCommand(app);
 
   try {
     app.parse(argc, argv);
