@@ -30,7 +30,9 @@ v1::SampleSource EncodeSource(SampleSource source) {
 void EncodeBias(const SafeBias& from, v1::SafeBias* to) {
   to->set_constant(from.constant);
   to->set_slope(from.slope);
-  to->set_constant_alone(from.constant_alone);
+  to->set_clamp(from.clamp);
+  to->set_polygon_offset_constant(from.polygon_offset_constant);
+  to->set_polygon_offset_slope(from.polygon_offset_slope);
   to->set_receiver_plane_constant(from.receiver_plane_constant);
   to->set_mean_detachment(from.ws_mean_detachment);
   to->set_worst_detachment(from.ws_worst_detachment);

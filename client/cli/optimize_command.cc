@@ -55,12 +55,12 @@ void PrintTable(const v1::FrameResult& result) {
   }
   absl::PrintF("\nSafe bias, in window depth; detachment in world units and pixels\n");
   absl::PrintF("%10s  %12s  %9s  %14s  %14s  %10s  %10s  %11s\n", "light", "constant", "slope",
-               "constant alone", "receiver plane", "mean", "worst", "mean pixels");
+               "clamp", "receiver plane", "mean", "worst", "mean pixels");
   for (const v1::LightResult& light : result.lights()) {
     if (!light.has_safe_bias()) continue;
     const v1::SafeBias& bias = light.safe_bias();
     absl::PrintF("%10d  %12.4e  %9.5f  %14.4e  %14.4e  %10.4g  %10.4g  %11.3f\n", light.id(), bias.constant(),
-                 bias.slope(), bias.constant_alone(), bias.receiver_plane_constant(), bias.mean_detachment(),
+                 bias.slope(), bias.clamp(), bias.receiver_plane_constant(), bias.mean_detachment(),
                  bias.worst_detachment(), bias.mean_detachment_pixels());
   }
   const v1::FrameTimings& timings = result.timings();

@@ -34,10 +34,11 @@ absl::StatusOr<ArtefactRecord> ArtefactStudy::Measure(const LightStudy& light, c
   const SurfaceSamples samples = SamplesFromDepth(view_.camera, request.depth);
   const absl::StatusOr<SafeBias> bias =
       FindSafeBias(view_.camera, samples.ws_point, samples.ws_normal, light.ray_space, fit.projection,
-                   fit.depth_range, {.format = test.format, .screen = screen_});
+                   fit.depth_range, {.format = test.format, .screen = screen_}, request.depth);
   if (!bias.ok()) return bias.status();
   test.constant = bias->constant;
   test.slope = bias->slope;
+  test.clamp = bias->clamp;
   const absl::StatusOr<StandardMap> map =
       RenderStandardMap(truth_, light.ray_space, fit.projection, fit.depth_range, test.casters);
   if (!map.ok()) return map.status();

@@ -49,6 +49,9 @@ absl::Status CheckLight(size_t i, const LightView& view, MapSize size, DepthForm
       return absl::InvalidArgumentError(absl::StrFormat("lights[%d].test.%s: not finite", i, name));
     }
   }
+  if (std::isnan(test.clamp)) {
+    return absl::InvalidArgumentError(absl::StrFormat("lights[%d].test.clamp: not a number", i));
+  }
   return absl::OkStatus();
 }
 

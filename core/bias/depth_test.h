@@ -37,6 +37,9 @@ struct ReceiverDepth {
   glm::dvec2 slope{0.0};     ///< Change of depth along the tangent plane, per texel in u and v.
   double ws_distance = 0.0;  ///< Along the light ray, world units, per unit of depth, at this receiver.
 
+  /// How much depth changes at most over a texel's diagonal: |dz/du| + |dz/dv|, the measure that a receiver's
+  /// own slope-scaled bias follows.
+  double Steepness() const { return glm::abs(slope.x) + glm::abs(slope.y); }
   /// Polygon offset's measure of slope: max(|dz/du|, |dz/dv|).
   double MaxSlope() const { return glm::max(glm::abs(slope.x), glm::abs(slope.y)); }
 };

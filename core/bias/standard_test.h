@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include "core/bias/depth_test.h"
 
 namespace shadowfit {
@@ -14,7 +16,7 @@ enum class CasterFaces {
 /// How the comparison keeps a surface from shadowing itself.
 enum class BiasKind {
   kConstant,
-  kSlopeScaled,    ///< Constant plus slope times max(|dz/du|, |dz/dv|) of the receiver.
+  kSlopeScaled,    ///< Constant plus slope times (|dz/du| + |dz/dv|) of the receiver, clamped.
   kReceiverPlane,  ///< The receiver's tangent plane is compared at the texel's centre; plus constant.
 };
 
@@ -30,6 +32,7 @@ struct StandardTest {
   /// majority's. At most kMaxPcfRadius.
   int pcf_radius = 0;
   CasterFaces casters = CasterFaces::kBoth;
+  double clamp = std::numeric_limits<double>::infinity();  ///< Of constant and slope together.
 };
 
 }  // namespace shadowfit

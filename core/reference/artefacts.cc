@@ -126,11 +126,13 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
   std::vector<double> stored(map.depth.size());
   for (size_t i = 0; i < stored.size(); ++i) stored[i] = StoredDepth(test.format, map.depth[i]);
   return TestPixels(map, surface, truth, ray_space, [&](size_t, const ReceiverDepth& receiver) {
-    const double slope = test.bias == BiasKind::kSlopeScaled ? test.slope * receiver.MaxSlope() : 0.0;
+    double bias = test.constant;
+    if (test.bias == BiasKind::kSlopeScaled)
+      bias = std::min(bias + test.slope * receiver.Steepness(), test.clamp);
     return MostAreShadowed(map, test.pcf_radius, receiver, [&](size_t texel, double plane_depth) {
       const double compared = test.bias == BiasKind::kReceiverPlane ? plane_depth : receiver.depth;
       // A renderer clamps what it compares to the range that the map can hold.
-      return stored[texel] < std::min(1.0, compared - test.constant - slope);
+      return stored[texel] < std::min(1.0, compared - bias);
     });
   });
 }

@@ -76,7 +76,9 @@ TEST(Results, SafeBiasesComeOnRequestAlone) {
     const SafeBias& expected = summary.lights[static_cast<size_t>(i)].safe_bias.value();
     EXPECT_EQ(got.constant(), expected.constant);
     EXPECT_EQ(got.slope(), expected.slope);
-    EXPECT_EQ(got.constant_alone(), expected.constant_alone);
+    EXPECT_EQ(got.clamp(), expected.clamp);
+    EXPECT_EQ(got.polygon_offset_constant(), expected.polygon_offset_constant);
+    EXPECT_EQ(got.polygon_offset_slope(), expected.polygon_offset_slope);
     EXPECT_EQ(got.receiver_plane_constant(), expected.receiver_plane_constant);
     EXPECT_EQ(got.mean_detachment(), expected.ws_mean_detachment);
     EXPECT_EQ(got.worst_detachment(), expected.ws_worst_detachment);

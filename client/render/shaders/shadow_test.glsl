@@ -24,8 +24,9 @@ float StandardShadow(int i, vec3 ndc, vec2 ndc_slope) {
   // Window depth, per texel.
   float depth = 0.5 * ndc.z + 0.5;
   vec2 slope = ndc_slope / vec2(size);
-  float bias = lights[i].test.z;
-  if (kind == kSlopeScaledBias) bias += lights[i].test.w * max(abs(slope.x), abs(slope.y));
+  vec3 terms = lights[i].bias.xyz;
+  float bias = terms.x;
+  if (kind == kSlopeScaledBias) bias = min(bias + terms.y * (abs(slope.x) + abs(slope.y)), terms.z);
   float shadowed = 0.0;
   for (int y = max(0, centre.y - radius); y <= min(size.y - 1, centre.y + radius); ++y) {
     for (int x = max(0, centre.x - radius); x <= min(size.x - 1, centre.x + radius); ++x) {

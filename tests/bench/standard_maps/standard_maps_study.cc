@@ -110,13 +110,13 @@ class Study {
     const auto start = std::chrono::steady_clock::now();
     const absl::StatusOr<SafeBias> bias =
         FindSafeBias(camera, surface.ws_point, surface.ws_normal, ray_space, projection, range,
-                     {kFormat, 0, {arguments_.width, arguments_.height}});
+                     {kFormat, 0, {arguments_.width, arguments_.height}}, surface.Depth());
     if (!bias.ok()) return bias.status();
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const auto count = [&](BiasKind kind, double constant, double slope) {
-      return CountArtefacts(
-          truth, ideal,
-          ShadowFromStandardMap(*map, {kFormat, kind, constant, slope, 0}, surface, truth, ray_space));
+      StandardTest test{kFormat, kind, constant, slope, 0};
+      test.clamp = bias->clamp;
+      return CountArtefacts(truth, ideal, ShadowFromStandardMap(*map, test, surface, truth, ray_space));
     };
     const auto print = [](const char* name, double constant, double slope, const ArtefactCounts& counts) {
       absl::PrintF("       %-34s constant %.3e slope %6.3f  acne %7d  detached %7d  jagged %7d\n", name,
@@ -125,13 +125,14 @@ class Study {
     print("none", 0.0, 0.0, count(BiasKind::kConstant, 0.0, 0.0));
     const ArtefactCounts safe = count(BiasKind::kSlopeScaled, bias->constant, bias->slope);
     print("safe, 2048x2048", bias->constant, bias->slope, safe);
+    print("clamp for a constant", bias->clamp, 0.0, count(BiasKind::kConstant, bias->clamp, 0.0));
     print("receiver plane", bias->receiver_plane_constant, 0.0,
           count(BiasKind::kReceiverPlane, bias->receiver_plane_constant, 0.0));
     // By hand: 50 constants, a factor of about 1.4 apart, up to the one that no slope can ask more of.
     ArtefactCounts best;
     double best_constant = 0.0;
     best.peter_panning = std::numeric_limits<int>::max();
-    double constant = std::min(1.0, bias->constant_alone);
+    double constant = std::min(1.0, bias->clamp);
     for (int i = 0; i < 50; ++i, constant /= 1.4) {
       const ArtefactCounts by_hand = count(BiasKind::kConstant, constant, 0.0);
       if (by_hand.acne > safe.acne) break;

@@ -98,14 +98,16 @@ TEST_F(ArtefactsTest, ReceiverPlaneBiasDetachesLeast) {
   const StandardMap map = RenderStandardMap(scene_, ray_space_, projection_, range_).value();
   const ShadowMask ideal = ShadowWithoutDepthErrors(map, 0, surface_, truth_, ray_space_);
   const SafeBias bias = FindSafeBias(camera_, surface_.ws_point, surface_.ws_normal, ray_space_, projection_,
-                                     range_, {DepthFormat::kUnorm24, 0, {250, 250}})
+                                     range_, {DepthFormat::kUnorm24, 0, {250, 250}}, surface_.Depth())
                             .value();
   const auto count = [&](BiasKind kind, double constant, double slope) {
-    return CountArtefacts(truth_, ideal, Shown(map, {DepthFormat::kUnorm24, kind, constant, slope, 0}));
+    StandardTest test{DepthFormat::kUnorm24, kind, constant, slope, 0};
+    test.clamp = bias.clamp;
+    return CountArtefacts(truth_, ideal, Shown(map, test));
   };
   const ArtefactCounts plane = count(BiasKind::kReceiverPlane, bias.receiver_plane_constant, 0.0);
   const ArtefactCounts slope = count(BiasKind::kSlopeScaled, bias.constant, bias.slope);
-  const ArtefactCounts constant = count(BiasKind::kConstant, bias.constant_alone, 0.0);
+  const ArtefactCounts constant = count(BiasKind::kConstant, bias.clamp, 0.0);
   EXPECT_EQ(plane.acne, 0);
   EXPECT_EQ(slope.acne, 0);
   EXPECT_EQ(constant.acne, 0);
