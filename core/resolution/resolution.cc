@@ -31,6 +31,8 @@ constexpr double kFloatError = 0x1p-24;
 // of its terms' sizes: coefficient 1, products and sums 5, local depth 1, mean of four depths 3; 12 with
 // room.
 constexpr double kRoundings = 12.0;
+// The same of its reciprocal, relative: the estimate's 4.25, products 2, with room.
+constexpr double kReciprocalRoundings = 8.0;
 // In float, pixels beyond the edge of the light's volume by less than this (in clip coordinates) are let in:
 // what float sees is a superset of the truth, so its minimum is a lower bound.
 constexpr double kVolumeMargin = 1e-5;
@@ -84,7 +86,7 @@ struct PlacedMap {
   /// Bound on the error of a float picture coordinate of size up to `reach` relative to the origin.
   double FloatError(int axis, double reach) const {
     const double size = axis == 0 ? x_size : y_size;
-    return kFloatError * (kRoundings * (size + reach * w_size) / least_w + 4.0 * reach);
+    return kFloatError * (kRoundings * (size + reach * w_size) / least_w + kReciprocalRoundings * reach);
   }
 };
 
