@@ -43,7 +43,8 @@ void LightBlock::Upload(std::span<const LightView> lights) {
     gpu.clip_from_world = glm::mat4(view.clip_from_world);
     gpu.power = glm::vec4(view.power, 0.0f);
     if (view.test) {
-      gpu.test = glm::vec4(1.0f + static_cast<float>(view.test->bias), view.test->pcf_radius, 0.0f, 0.0f);
+      gpu.test = glm::vec4(1.0f + static_cast<float>(view.test->bias), view.test->pcf_radius,
+                           static_cast<float>(view.test->kernel), 0.0f);
       gpu.bias = glm::vec4(view.test->constant, view.test->slope, std::min(view.test->clamp, 1e30), 0.0f);
     }
     gpu.map_size = glm::vec4(view.map_size.width, view.map_size.height, 0.0f, 0.0f);

@@ -129,6 +129,11 @@ absl::Status Renderer::DrawShadowMaps(std::span<const LightView> lights, ShadowM
   return GlStatus("drawing shadow maps");
 }
 
+void Renderer::Finish() {
+  context_.MakeCurrent();
+  glFinish();
+}
+
 absl::Status Renderer::DrawSamples(const Camera& camera, const ShadowMaps& maps, SampleBuffers* buffers) {
   context_.MakeCurrent();
   samples_.Draw(scene_, programs_.samples, camera, maps, buffers);

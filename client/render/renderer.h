@@ -50,6 +50,9 @@ class Renderer {
   /// `antialiased` smooths the outlines of surfaces, not those of shadows, and takes some four times as long.
   absl::StatusOr<Picture> DrawPicture(const Camera& camera, const ShadowMaps& maps, bool antialiased = false);
 
+  /// Waits until all is drawn, for those who measure time.
+  void Finish();
+
   const Bounds& ws_bounds() const { return scene_.ws_bounds(); }
   const RendererOptions& options() const { return options_; }
 

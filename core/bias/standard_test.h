@@ -20,6 +20,12 @@ enum class BiasKind {
   kReceiverPlane,  ///< The receiver's tangent plane is compared at the texel's centre; plus constant.
 };
 
+/// How the taps of percentage-closer filtering are weighed.
+enum class PcfKernel {
+  kBox,   ///< All alike.
+  kTent,  ///< Along each axis r + 1 in the middle, falling to 1 at the rim.
+};
+
 inline constexpr int kMaxPcfRadius = 16;
 
 /// The standard shadow map's test of one light. The software renderer and the reference know the same one.
@@ -29,9 +35,10 @@ struct StandardTest {
   double constant = 0.0;  ///< In window depth, see SafeBias.
   double slope = 0.0;
   /// (2 r + 1)^2 texels are compared, those beyond the map being lit; where one answer is asked for, the
-  /// majority's. At most kMaxPcfRadius.
+  /// weighty half's. At most kMaxPcfRadius.
   int pcf_radius = 0;
   CasterFaces casters = CasterFaces::kBoth;
+  PcfKernel kernel = PcfKernel::kBox;
   double clamp = std::numeric_limits<double>::infinity();  ///< Of constant and slope together.
 };
 

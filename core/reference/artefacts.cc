@@ -71,24 +71,29 @@ ShadowMask TestPixels(const StandardMap& map, const VisibleSurface& surface, con
   return mask;
 }
 
-/// Whether most of the taps around a receiver are in shadow; shadowed(texel, depth of the receiver's tangent
-/// plane at the texel's centre) says it of one.
+/// Whether the weighty half of the taps around a receiver are in shadow; shadowed(texel, depth of the
+/// receiver's tangent plane at the texel's centre) says it of one.
 template <typename Shadowed>
-bool MostAreShadowed(const StandardMap& map, int radius, const ReceiverDepth& receiver,
+bool MostAreShadowed(const StandardMap& map, int radius, PcfKernel kernel, const ReceiverDepth& receiver,
                      const Shadowed& shadowed) {
   const MapSize size = map.projection.size;
   const int centre_x = static_cast<int>(receiver.texel.x);
   const int centre_y = static_cast<int>(receiver.texel.y);
+  const auto weight = [&](int offset) {
+    return kernel == PcfKernel::kTent ? radius + 1 - std::abs(offset) : 1;
+  };
   int in_shadow = 0;
   for (int y = std::max(0, centre_y - radius); y <= std::min(size.height - 1, centre_y + radius); ++y) {
     for (int x = std::max(0, centre_x - radius); x <= std::min(size.width - 1, centre_x + radius); ++x) {
       const glm::dvec2 offset = glm::dvec2(x + 0.5, y + 0.5) - receiver.texel;
       const size_t texel = static_cast<size_t>(y) * static_cast<size_t>(size.width) + static_cast<size_t>(x);
-      in_shadow += shadowed(texel, receiver.depth + glm::dot(receiver.slope, offset)) ? 1 : 0;
+      if (!shadowed(texel, receiver.depth + glm::dot(receiver.slope, offset))) continue;
+      in_shadow += weight(x - centre_x) * weight(y - centre_y);
     }
   }
-  const int taps = (2 * radius + 1) * (2 * radius + 1);
-  return 2 * in_shadow > taps;
+  const int side =
+      kernel == PcfKernel::kTent ? (radius + 1) * (radius + 1) : 2 * radius + 1;  // Sum of weights.
+  return 2 * in_shadow > side * side;
 }
 
 }  // namespace
@@ -129,20 +134,21 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
     double bias = test.constant;
     if (test.bias == BiasKind::kSlopeScaled)
       bias = std::min(bias + test.slope * receiver.Steepness(), test.clamp);
-    return MostAreShadowed(map, test.pcf_radius, receiver, [&](size_t texel, double plane_depth) {
-      const double compared = test.bias == BiasKind::kReceiverPlane ? plane_depth : receiver.depth;
-      // A renderer clamps what it compares to the range that the map can hold.
-      return stored[texel] < std::min(1.0, compared - bias);
-    });
+    return MostAreShadowed(
+        map, test.pcf_radius, test.kernel, receiver, [&](size_t texel, double plane_depth) {
+          const double compared = test.bias == BiasKind::kReceiverPlane ? plane_depth : receiver.depth;
+          // A renderer clamps what it compares to the range that the map can hold.
+          return stored[texel] < std::min(1.0, compared - bias);
+        });
   });
 }
 
 ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, const VisibleSurface& surface,
-                                    const ShadowMask& truth, const RaySpace& ray_space) {
+                                    const ShadowMask& truth, const RaySpace& ray_space, PcfKernel kernel) {
   return TestPixels(map, surface, truth, ray_space, [&](size_t i, const ReceiverDepth& receiver) {
     const double tolerance =
         kRelativeTolerance * LargestComponent(surface.ws_point[i]) / receiver.ws_distance;
-    return MostAreShadowed(map, pcf_radius, receiver, [&](size_t texel, double plane_depth) {
+    return MostAreShadowed(map, pcf_radius, kernel, receiver, [&](size_t texel, double plane_depth) {
       const uint32_t caster = map.primitive[texel];
       if (caster == kNoPrimitive || caster == surface.primitive[i]) return false;
       return map.depth[texel] < plane_depth - tolerance;

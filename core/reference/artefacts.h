@@ -38,7 +38,8 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
 /// What it would show if depth had no errors: each texel's caster against the receiver's tangent plane at the
 /// texel's centre, a triangle never shadowing itself. The same as ShadowFromMaps for pcf_radius 0.
 ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, const VisibleSurface& surface,
-                                    const ShadowMask& truth, const RaySpace& ray_space);
+                                    const ShadowMask& truth, const RaySpace& ray_space,
+                                    PcfKernel kernel = PcfKernel::kBox);
 
 /// Wrong pixels, by cause.
 struct ArtefactCounts {

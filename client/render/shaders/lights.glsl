@@ -12,7 +12,7 @@ struct Light {
   vec4 ws_axis;           // Axis of a spot, w = cosine of its outer half angle; w = -2 for other lights.
   vec4 power;             // RGB: irradiance (directional) or intensity (others).
   vec4 map_size;          // Width and height in texels.
-  vec4 test;              // Kind (above) and filter radius.
+  vec4 test;              // Kind (above), filter radius, and 1 for a tent filter.
   vec4 bias;              // In window depth: constant, slope, clamp.
 };
 

@@ -14,7 +14,7 @@ bool DepthSlope(mat4 clip_from_world, vec3 ndc, vec3 ws_point_dx, vec3 ws_point_
   return determinant != 0.0;
 }
 
-// The standard test: the share of the taps that shadow the receiver.
+// The standard test: the share of the taps, by weight, that shadow the receiver.
 float StandardShadow(int i, vec3 ndc, vec2 ndc_slope) {
   ivec2 size = ivec2(lights[i].map_size.xy);
   int kind = int(lights[i].test.x);
@@ -27,15 +27,20 @@ float StandardShadow(int i, vec3 ndc, vec2 ndc_slope) {
   vec3 terms = lights[i].bias.xyz;
   float bias = terms.x;
   if (kind == kSlopeScaledBias) bias = min(bias + terms.y * (abs(slope.x) + abs(slope.y)), terms.z);
+  bool tent = lights[i].test.z > 0.5;
   float shadowed = 0.0;
   for (int y = max(0, centre.y - radius); y <= min(size.y - 1, centre.y + radius); ++y) {
     for (int x = max(0, centre.x - radius); x <= min(size.x - 1, centre.x + radius); ++x) {
       float compared = kind == kReceiverPlaneBias ? depth + dot(slope, vec2(x, y) + 0.5 - place) : depth;
       // Compared as the map can hold it.
-      if (texelFetch(shadow_maps, ivec3(x, y, i), 0).r < min(1.0, compared - bias)) shadowed += 1.0;
+      if (texelFetch(shadow_maps, ivec3(x, y, i), 0).r < min(1.0, compared - bias)) {
+        vec2 weight = vec2(radius + 1) - abs(vec2(ivec2(x, y) - centre));
+        shadowed += tent ? weight.x * weight.y : 1.0;
+      }
     }
   }
-  return shadowed / float((2 * radius + 1) * (2 * radius + 1));
+  float side = float(tent ? (radius + 1) * (radius + 1) : 2 * radius + 1);  // Sum of weights along an axis.
+  return shadowed / (side * side);
 }
 
 // How much of light i its map takes from the point, 0 to 1.

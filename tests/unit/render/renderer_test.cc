@@ -296,6 +296,10 @@ TEST_F(RendererTest, StandardTestsAgreeWithTheReference) {
     compare({DepthFormat::kFloat32, kSlopeScaled, 1e-4, 1.0 + 0.5 * radius, radius}, false);
     compare({DepthFormat::kFloat32, kReceiverPlane, 1e-5, 0.0, radius}, false);
   }
+  StandardTest tent{DepthFormat::kFloat32, kSlopeScaled, 1e-4, 1.5, 2};
+  tent.kernel = PcfKernel::kTent;
+  tent.clamp = 0.02;
+  compare(tent, false);
   compare({DepthFormat::kUnorm24, kReceiverPlane, 1e-5, 0.0, 0}, false);
   compare({DepthFormat::kUnorm16, kConstant, 0.004, 0.0, 0}, false);
 }
