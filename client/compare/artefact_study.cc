@@ -1,5 +1,6 @@
 #include "client/compare/artefact_study.h"
 
+#include <algorithm>
 #include <cmath>
 #include <glm/ext/matrix_transform.hpp>
 #include <numbers>
@@ -13,7 +14,29 @@ namespace {
 /// Of the camera, from one frame to the next.
 constexpr double kTurn = std::numbers::pi / 180.0;
 
+/// The last first: the maps before it hide it where they hold a point, too.
+std::vector<const LightMap*> MapsOf(const LightSummary& fit) {
+  std::vector<const LightMap*> maps;
+  for (const LightMap& map : fit.further_maps) maps.insert(maps.begin(), &map);
+  maps.push_back(&fit);
+  return maps;
+}
+
+ShadowMask LitEverywhere(const ShadowMask& truth) {
+  ShadowMask mask = truth;
+  std::ranges::replace(mask, PixelLight::kShadowed, PixelLight::kLit);
+  return mask;
+}
+
 }  // namespace
+
+void ArtefactStudy::Overlay(const LightMap& map, const RaySpace& ray_space, const ShadowMask& of_map,
+                            ShadowMask* mask) const {
+  for (size_t i = 0; i < mask->size(); ++i) {
+    if ((*mask)[i] == PixelLight::kNotConcerned) continue;
+    if (map.projection.Holds(ray_space.RayFromPoint(view_.screen.ws_point[i]))) (*mask)[i] = of_map[i];
+  }
+}
 
 ArtefactStudy::ArtefactStudy(const TruthScene& truth, const ViewStudy& view, MapSize screen)
     : truth_(truth), view_(view), screen_(screen) {
@@ -30,22 +53,28 @@ absl::StatusOr<ArtefactRecord> ArtefactStudy::Measure(const LightStudy& light, c
                                                       const FrameRequest& request, const LightSummary& fit,
                                                       FrameOptimizer* optimizer) const {
   // 1. One frame. The bias comes from the small depth buffer, as the service makes it.
-  StandardTest test{.format = DepthFormat::kUnorm24};
   const SurfaceSamples samples = SamplesFromDepth(view_.camera, request.depth);
-  const absl::StatusOr<SafeBias> bias =
-      FindSafeBias(view_.camera, samples.ws_point, samples.ws_normal, light.ray_space, fit.projection,
-                   fit.depth_range, {.format = test.format, .screen = screen_}, request.depth);
-  if (!bias.ok()) return bias.status();
-  test.constant = bias->constant;
-  test.slope = bias->slope;
-  test.clamp = bias->clamp;
-  const absl::StatusOr<StandardMap> map =
-      RenderStandardMap(truth_, light.ray_space, fit.projection, fit.depth_range, test.casters);
-  if (!map.ok()) return map.status();
-  const ShadowMask ideal = ShadowWithoutDepthErrors(*map, 0, view_.screen, light.screen, light.ray_space);
+  ShadowMask ideal = LitEverywhere(light.screen);
+  ShadowMask shown = ideal;
+  for (const LightMap* part : MapsOf(fit)) {
+    StandardTest test{.format = DepthFormat::kUnorm24};
+    const absl::StatusOr<SafeBias> bias =
+        FindSafeBias(view_.camera, samples.ws_point, samples.ws_normal, light.ray_space, part->projection,
+                     part->depth_range, {.format = test.format, .screen = screen_}, request.depth);
+    if (!bias.ok()) return bias.status();
+    test.constant = bias->constant;
+    test.slope = bias->slope;
+    test.clamp = bias->clamp;
+    const absl::StatusOr<StandardMap> map =
+        RenderStandardMap(truth_, light.ray_space, part->projection, part->depth_range, test.casters);
+    if (!map.ok()) return map.status();
+    Overlay(*part, light.ray_space,
+            ShadowWithoutDepthErrors(*map, 0, view_.screen, light.screen, light.ray_space), &ideal);
+    Overlay(*part, light.ray_space,
+            ShadowFromStandardMap(*map, test, view_.screen, light.screen, light.ray_space), &shown);
+  }
   ArtefactRecord record;
-  record.counts = CountArtefacts(
-      light.screen, ideal, ShadowFromStandardMap(*map, test, view_.screen, light.screen, light.ray_space));
+  record.counts = CountArtefacts(light.screen, ideal, shown);
 
   // 2. The next one, with the memory of the first. Aliasing alone counts: what depth errors add has been
   // counted above.
@@ -60,10 +89,14 @@ absl::StatusOr<ArtefactRecord> ArtefactStudy::Measure(const LightStudy& light, c
   if (absl::Status status = optimizer->Optimize(next, options, Cancellation(), &summary); !status.ok()) {
     return status;
   }
-  const absl::StatusOr<StandardMap> next_map =
-      RenderStandardMap(truth_, light.ray_space, summary.lights[0].projection, summary.lights[0].depth_range);
-  if (!next_map.ok()) return next_map.status();
-  ShadowMask after = ShadowWithoutDepthErrors(*next_map, 0, view_.screen, light.screen, light.ray_space);
+  ShadowMask after = LitEverywhere(light.screen);
+  for (const LightMap* part : MapsOf(summary.lights[0])) {
+    const absl::StatusOr<StandardMap> map =
+        RenderStandardMap(truth_, light.ray_space, part->projection, part->depth_range);
+    if (!map.ok()) return map.status();
+    Overlay(*part, light.ray_space,
+            ShadowWithoutDepthErrors(*map, 0, view_.screen, light.screen, light.ray_space), &after);
+  }
   for (size_t i = 0; i < after.size(); ++i) {
     const glm::dvec4 clip = clip_from_world_turned_ * glm::dvec4(view_.screen.ws_point[i], 1.0);
     const bool still_visible = std::abs(clip.x) <= clip.w && std::abs(clip.y) <= clip.w;

@@ -22,6 +22,10 @@ class ArtefactStudy {
                                          FrameOptimizer* optimizer) const;
 
  private:
+  /// What the map says, where it holds a pixel's point.
+  void Overlay(const LightMap& map, const RaySpace& ray_space, const ShadowMask& of_map,
+               ShadowMask* mask) const;
+
   const TruthScene& truth_;
   const ViewStudy& view_;
   const MapSize screen_;

@@ -184,7 +184,7 @@ absl::Status FindBiases(const Camera& camera, const FrameRequest& request, MapSi
     for (LightMap* map : maps) {
       const absl::StatusOr<SafeBias> bias =
           FindSafeBias(camera, surface.ws_point, surface.ws_normal, ray_spaces[i], map->projection,
-                       map->depth_range, options);
+                       map->depth_range, options, request.depth);
       if (!bias.ok()) return Within("options.safe_bias", bias.status());
       map->safe_bias = *bias;
     }

@@ -82,6 +82,39 @@ TEST_F(ComparisonTest, CountsAreThoseOfTheTruth) {
   }
 }
 
+TEST_F(ComparisonTest, ArtefactsHaveCausesAndTheStableSphereDoesNotFlicker) {
+  ComparisonOptions options = SmallOptions();
+  options.methods = {Variant(Method::kSphereStable), Variant(Method::kFocused), Variant(Method::kPaper)};
+  options.artefact_lights = 2;
+  options.folder = folder_.string();
+  const auto comparison = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(comparison.ok()) << comparison.status();
+  int focused_flicker = 0;
+  for (const LightRecord& light : comparison->lights) {
+    for (const MethodRecord& method : light.methods) {
+      ASSERT_EQ(method.artefacts.has_value(), light.index < 2);
+      if (!method.artefacts) continue;
+      // Depth errors aside, the standard test is the exact one.
+      EXPECT_LE(method.artefacts->counts.jagged, method.wrong_pixels);
+      EXPECT_LE(method.artefacts->counts.acne, 2) << "of " << 160 * 120 << " pixels";
+      if (method.note.empty()) EXPECT_LT(method.artefacts->counts.peter_panning, light.concerned_pixels / 10);
+    }
+    if (light.placement != LightPlacement::kDirectional) continue;
+    EXPECT_EQ(light.methods[0].artefacts->flicker, 0);
+    focused_flicker += light.methods[1].artefacts->flicker;
+  }
+  EXPECT_GT(focused_flicker, 100);
+  EXPECT_NE(ReportMarkdown(*comparison).find("| method | acne | detached | jagged | flicker |"),
+            std::string::npos);
+
+  // Kept in the folder with the rest.
+  const auto again = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(again.ok());
+  EXPECT_EQ(ReportJson(*again)["methods"]["focused"]["artefacts"],
+            ReportJson(*comparison)["methods"]["focused"]["artefacts"]);
+  EXPECT_EQ(StoredLines().size(), 15u);
+}
+
 TEST_F(ComparisonTest, GoesOnWhereItWasInterrupted) {
   ComparisonOptions options = SmallOptions();
   options.folder = folder_.string();
