@@ -34,6 +34,7 @@ constexpr ComparedMethod kMethods[] = {{"normal", v1::METHOD_NORMAL, false},
                                        {"focused", v1::METHOD_FOCUSED, false},
                                        {"paper", v1::METHOD_PAPER, true},
                                        {"default", v1::METHOD_DEFAULT, true}};
+constexpr size_t kNormal = 0;
 constexpr size_t kBefore = 1;
 constexpr size_t kAfter = 3;
 
@@ -55,6 +56,7 @@ class Demo {
       if (absl::Status status = RunFrame(frame); !status.ok()) return status;
       on_frame(static_cast<int>(frame) + 1, options_.frames);
     }
+    result_.resolution = resolution_study_->figures();
     if (absl::Status status = WriteResults(); !status.ok()) return status;
     return std::move(result_);
   }
@@ -82,6 +84,10 @@ class Demo {
 
     walk_ = PlanWalk(scene_, options_.frames, options_.lights,
                      static_cast<double>(options_.screen.width) / options_.screen.height);
+    absl::StatusOr<std::unique_ptr<ResolutionStudy>> study =
+        ResolutionStudy::Create(renderer_.get(), walk_, options_.resolution_frames);
+    if (!study.ok()) return study.status();
+    resolution_study_ = *std::move(study);
     result_.scene = scene_.name;
     for (const SceneLight& light : walk_.lights) {
       absl::StatusOr<RaySpace> ray_space = RaySpace::Create(light.light);
@@ -155,7 +161,7 @@ class Demo {
       }
     }
     if (report) report_frames_.push_back(*std::move(report));
-    return absl::OkStatus();
+    return resolution_study_->AddFrame(frame, matrices, surface.Depth(), loops_[kNormal]->maps().lights());
   }
 
   /// The picture that a viewer would see, for which alone a frame rate is measured.
@@ -223,7 +229,7 @@ class Demo {
     }
     const absl::StatusOr<std::string> html =
         ReportHtml(result_.scene, result_.light_names, result_.records, options_.map_size, report_frames_,
-                   result_.records[kBefore].name, result_.records[kAfter].name);
+                   result_.records[kBefore].name, result_.records[kAfter].name, result_.resolution);
     if (!html.ok()) return html.status();
     return WriteText(out_ / "report.html", *html);
   }
@@ -237,6 +243,7 @@ class Demo {
   std::optional<TruthScene> truth_;
   std::vector<RaySpace> ray_spaces_;
   std::vector<std::unique_ptr<FrameLoop>> loops_;  // One a method; they die before the renderer.
+  std::unique_ptr<ResolutionStudy> resolution_study_;
   std::vector<ReportFrame> report_frames_;
   DemoResult result_;
 };

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <utility>
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
@@ -35,22 +37,28 @@ double AxisTop(double value) {
   return 10.0 * power;
 }
 
-/// Curves of one quantity over the frames, a line a method. `value(record, frame)`.
-template <typename Value>
-std::string Curves(const std::string& title, const std::vector<MethodRecord>& records, int width, int height,
-                   const Value& value) {
+/// One line of a chart.
+struct Series {
+  const char* color;
+  std::vector<double> values;  // One a frame.
+};
+
+/// Lines over the numbers of `frames`, of which there is at least one.
+std::string Chart(const std::string& title, const std::vector<Series>& series, const std::vector<int>& frames,
+                  int width, int height) {
   constexpr int kLeft = 52;
   constexpr int kBottom = 24;
   constexpr int kTop = 26;
-  const size_t frames = records[0].wrong_pixels.size();
   double largest = 0.0;
-  for (const MethodRecord& record : records) {
-    for (size_t frame = 0; frame < frames; ++frame) largest = std::max(largest, value(record, frame));
+  for (const Series& line : series) {
+    for (const double value : line.values) largest = std::max(largest, value);
   }
   const double top = AxisTop(largest);
-  const auto x = [&](size_t frame) {
-    return kLeft + (width - kLeft - 8.0) *
-                       (frames > 1 ? static_cast<double>(frame) / static_cast<double>(frames - 1) : 0.5);
+  const int first = frames.front();
+  const int last = frames.back();
+  const auto x = [&](int frame) {
+    return kLeft +
+           (width - kLeft - 8.0) * (last > first ? static_cast<double>(frame - first) / (last - first) : 0.5);
   };
   const auto y = [&](double v) { return height - kBottom - (height - kBottom - kTop) * v / top; };
   std::string svg =
@@ -60,30 +68,87 @@ std::string Curves(const std::string& title, const std::vector<MethodRecord>& re
     const double v = top * i / 4;
     absl::StrAppendFormat(&svg,
                           "<line x1=\"%d\" x2=\"%d\" y1=\"%.1f\" y2=\"%.1f\" class=\"g\"/>"
-                          "<text x=\"%d\" y=\"%.1f\" class=\"a\" text-anchor=\"end\">%.0f</text>",
-                          kLeft, width - 8, y(v), y(v), kLeft - 6, y(v) + 4, v);
+                          "<text x=\"%d\" y=\"%.1f\" class=\"a\" text-anchor=\"end\">%.*f</text>",
+                          kLeft, width - 8, y(v), y(v), kLeft - 6, y(v) + 4, top < 8.0 ? 1 : 0, v);
   }
-  absl::StrAppendFormat(&svg, "<text x=\"%d\" y=\"%d\" class=\"a\">frame 0</text>", kLeft, height - 6);
+  absl::StrAppendFormat(&svg, "<text x=\"%d\" y=\"%d\" class=\"a\">frame %d</text>", kLeft, height - 6,
+                        first);
   absl::StrAppendFormat(&svg, "<text x=\"%d\" y=\"%d\" class=\"a\" text-anchor=\"end\">%d</text>", width - 8,
-                        height - 6, frames - 1);
-  for (size_t m = 0; m < records.size(); ++m) {
+                        height - 6, last);
+  for (const Series& line : series) {
     absl::StrAppendFormat(&svg, "<polyline fill=\"none\" stroke-width=\"2\" stroke=\"%s\" points=\"",
-                          kColors[m % std::size(kColors)]);
-    for (size_t frame = 0; frame < frames; ++frame) {
-      absl::StrAppendFormat(&svg, "%.1f,%.1f ", x(frame), y(value(records[m], frame)));
+                          line.color);
+    for (size_t i = 0; i < frames.size(); ++i) {
+      absl::StrAppendFormat(&svg, "%.1f,%.1f ", x(frames[i]), y(line.values[i]));
     }
     absl::StrAppend(&svg, "\"/>");
   }
   return absl::StrCat(svg, "</svg>");
 }
 
-std::string Legend(const std::vector<MethodRecord>& records) {
-  std::string html = "<p class=\"legend\">";
+/// Curves of one quantity over the frames, a line a method. `value(record, frame)`.
+template <typename Value>
+std::string Curves(const std::string& title, const std::vector<MethodRecord>& records, int width, int height,
+                   const Value& value) {
+  std::vector<int> frames(records[0].wrong_pixels.size());
+  std::iota(frames.begin(), frames.end(), 0);
+  std::vector<Series> series;
   for (size_t m = 0; m < records.size(); ++m) {
-    absl::StrAppendFormat(&html, "<span><i style=\"background:%s\"></i>%s</span>",
-                          kColors[m % std::size(kColors)], Escaped(records[m].name));
+    Series& line = series.emplace_back(Series{kColors[m % std::size(kColors)], {}});
+    for (size_t frame = 0; frame < frames.size(); ++frame) line.values.push_back(value(records[m], frame));
+  }
+  return Chart(title, series, frames, width, height);
+}
+
+std::string LegendOf(const std::vector<std::pair<const char*, std::string>>& entries) {
+  std::string html = "<p class=\"legend\">";
+  for (const auto& [color, text] : entries) {
+    absl::StrAppendFormat(&html, "<span><i style=\"background:%s\"></i>%s</span>", color, Escaped(text));
   }
   return absl::StrCat(html, "</p>");
+}
+
+std::string Legend(const std::vector<MethodRecord>& records) {
+  std::vector<std::pair<const char*, std::string>> entries;
+  for (size_t m = 0; m < records.size(); ++m)
+    entries.emplace_back(kColors[m % std::size(kColors)], records[m].name);
+  return LegendOf(entries);
+}
+
+/// Figures 3 and 4 of "Resolution Estimation for Shadow Mapping".
+std::string ResolutionSection(const ResolutionFigures& figures) {
+  constexpr const char* kPublished = "#8d6e63";
+  constexpr const char* kReduced = "#2f7fd0";
+  constexpr const char* kFixed = "#d9534f";
+  if (figures.frames.empty() || figures.lights.empty()) return "";
+  std::string html = absl::StrFormat(
+      "<h2>How large the maps must be</h2><p>Estimated from each picture's depth (%dx%d): the map that gives "
+      "every pixel a whole texel, and the one that gives it to 99 %% of them; the larger of width and "
+      "height, "
+      "at most %d. The share is what the cropped map covers of the light's ordinary frustum. Times are those "
+      "of "
+      "the software renderer: the estimate and the map of 99 %% against a fixed %dx%d map.</p>",
+      figures.screen.width, figures.screen.height, figures.limit, figures.limit, figures.limit);
+  absl::StrAppend(&html,
+                  LegendOf({{kPublished, "every pixel"},
+                            {kReduced, "99 % of the pixels"},
+                            {kFixed, absl::StrFormat("fixed %dx%d", figures.limit, figures.limit)}}),
+                  "<div class=\"grid\">");
+  for (const ResolutionRecord& record : figures.lights) {
+    std::vector<double> total_ms;
+    for (size_t i = 0; i < figures.frames.size(); ++i)
+      total_ms.push_back(record.estimate_ms[i] + record.reduced_ms[i]);
+    absl::StrAppend(&html,
+                    Chart(absl::StrCat(record.light, ": texels needed"),
+                          {{kPublished, record.recommended}, {kReduced, record.recommended_99}},
+                          figures.frames, 500, 200),
+                    Chart(absl::StrCat(record.light, ": share of the frustum, %"),
+                          {{kReduced, record.share_used}}, figures.frames, 500, 200),
+                    Chart(absl::StrCat(record.light, ": milliseconds"),
+                          {{kReduced, total_ms}, {kFixed, record.fixed_ms}}, figures.frames, 500, 200),
+                    "<p></p>");
+  }
+  return absl::StrCat(html, "</div>");
 }
 
 std::string WrongPixelTable(const std::vector<std::string>& light_names,
@@ -168,7 +233,7 @@ Picture SplitPicture(const Picture& left, const Picture& right) {
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
                                        const std::vector<MethodRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,
-                                       const std::string& after_name) {
+                                       const std::string& after_name, const ResolutionFigures& resolution) {
   std::string html = kHead;
   absl::StrAppendFormat(
       &html,
@@ -201,7 +266,7 @@ absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vect
           return static_cast<double>(r.wrong_pixels[frame][light]);
         }));
   }
-  absl::StrAppend(&html, "</div>");
+  absl::StrAppend(&html, "</div>", ResolutionSection(resolution));
 
   absl::StrAppendFormat(
       &html,

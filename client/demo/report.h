@@ -6,6 +6,7 @@
 
 #include "absl/status/statusor.h"
 #include "client/demo/method_record.h"
+#include "client/demo/resolution_study.h"
 #include "client/render/picture_pass.h"
 #include "core/math/shadow_projection.h"
 
@@ -33,6 +34,6 @@ Picture SplitPicture(const Picture& left, const Picture& right);
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
                                        const std::vector<MethodRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,
-                                       const std::string& after_name);
+                                       const std::string& after_name, const ResolutionFigures& resolution);
 
 }  // namespace shadowfit

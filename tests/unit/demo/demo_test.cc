@@ -84,6 +84,22 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   EXPECT_GE(document["roundTripMilliseconds"]["p95"], document["roundTripMilliseconds"]["p50"]);
   EXPECT_THAT(DemoTable(result->light_names, result->records), HasSubstr("2 frames before"));
 
+  const ResolutionFigures& figures = result->resolution;
+  EXPECT_EQ(figures.frames, (std::vector<int>{0, 1, 2}));
+  ASSERT_EQ(figures.lights.size(), 2u) << "the sun and the first spot";
+  for (const ResolutionRecord& record : figures.lights) {
+    for (size_t i = 0; i < 3; ++i) {
+      EXPECT_GE(record.recommended[i], record.recommended_99[i] / 1.04);
+      EXPECT_LE(record.recommended[i], figures.limit);
+      EXPECT_GT(record.share_used[i], 0.0);
+      EXPECT_LE(record.share_used[i], 110.0);
+      EXPECT_GT(record.estimate_ms[i], 0.0);
+      EXPECT_GT(record.fixed_ms[i], 0.0);
+    }
+  }
+  EXPECT_EQ(ResolutionJson(figures)["lights"][1]["recommended"].size(), 3u);
+  EXPECT_THAT(ResolutionTable(figures), HasSubstr(figures.lights[1].light));
+
   for (const char* name : {"000.png", "001.png", "002.png"}) {
     EXPECT_EQ(ReadText(folder_ / "a/frames" / name).substr(1, 3), "PNG");
   }
@@ -91,6 +107,7 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   const std::string report = ReadText(folder_ / "a/report.html");
   EXPECT_THAT(report, HasSubstr("data:image/jpeg;base64,/9j/"));
   EXPECT_THAT(report, HasSubstr("<polyline"));
+  EXPECT_THAT(report, HasSubstr("texels needed"));
   EXPECT_THAT(report, ::testing::Not(HasSubstr("src=\"http"))) << "the report needs no other file";
 
   // What is drawn depends on the frames alone, not on how fast the service answers.
