@@ -6,13 +6,12 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
+
+#include "core/reference/shadow_map_test.h"
 
 namespace shadowfit {
 namespace {
-
-/// As in the test without depth errors: casters nearer than the tangent plane by less than this share of the
-/// coordinates' size are the rounding of its neighbours' vertices.
-constexpr double kRelativeTolerance = 1e-5;
 
 double LargestComponent(const glm::dvec3& v) {
   return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
@@ -59,7 +58,7 @@ class FaceFinder {
 template <typename Answer>
 ShadowMask TestPixels(const StandardMap& map, const VisibleSurface& surface, const ShadowMask& truth,
                       const RaySpace& ray_space, const Answer& answer) {
-  const ReceiverProjector projector(ray_space, map.projection, map.range);
+  const ReceiverProjector projector(ray_space, map.casters.projection, map.range);
   ShadowMask mask(surface.size(), PixelLight::kNotConcerned);
   tbb::parallel_for(tbb::blocked_range<size_t>(0, surface.size(), 4096), [&](const auto& pixels) {
     for (size_t i = pixels.begin(); i != pixels.end(); ++i) {
@@ -76,7 +75,7 @@ ShadowMask TestPixels(const StandardMap& map, const VisibleSurface& surface, con
 template <typename Shadowed>
 bool MostAreShadowed(const StandardMap& map, int radius, PcfKernel kernel, const ReceiverDepth& receiver,
                      const Shadowed& shadowed) {
-  const MapSize size = map.projection.size;
+  const MapSize size = map.casters.projection.size;
   const int centre_x = static_cast<int>(receiver.texel.x);
   const int centre_y = static_cast<int>(receiver.texel.y);
   const auto weight = [&](int offset) {
@@ -86,8 +85,7 @@ bool MostAreShadowed(const StandardMap& map, int radius, PcfKernel kernel, const
   for (int y = std::max(0, centre_y - radius); y <= std::min(size.height - 1, centre_y + radius); ++y) {
     for (int x = std::max(0, centre_x - radius); x <= std::min(size.width - 1, centre_x + radius); ++x) {
       const glm::dvec2 offset = glm::dvec2(x + 0.5, y + 0.5) - receiver.texel;
-      const size_t texel = static_cast<size_t>(y) * static_cast<size_t>(size.width) + static_cast<size_t>(x);
-      if (!shadowed(texel, receiver.depth + glm::dot(receiver.slope, offset))) continue;
+      if (!shadowed(x, y, receiver.depth + glm::dot(receiver.slope, offset))) continue;
       in_shadow += weight(x - centre_x) * weight(y - centre_y);
     }
   }
@@ -103,20 +101,19 @@ absl::StatusOr<StandardMap> RenderStandardMap(const TruthScene& scene, const Ray
                                               CasterFaces casters) {
   absl::StatusOr<CasterMap> rendered = scene.RenderCasters(ray_space, projection);
   if (!rendered.ok()) return rendered.status();
-  StandardMap map{.projection = projection,
-                  .range = range,
-                  .depth = std::vector<double>(rendered->primitive.size(), 1.0),
-                  .primitive = std::move(rendered->primitive)};
+  StandardMap map{.casters = *std::move(rendered), .range = range, .depth = {}};
+  map.depth.assign(map.casters.primitive.size(), 1.0);
   const FaceFinder faces(scene, casters);
   tbb::parallel_for(0, projection.size.height, [&](int y) {
     for (int x = 0; x < projection.size.width; ++x) {
       const size_t texel =
           static_cast<size_t>(y) * static_cast<size_t>(projection.size.width) + static_cast<size_t>(x);
-      if (map.primitive[texel] == kNoPrimitive) continue;
-      const RaySpace::WsRay ray = rendered->TexelRay(ray_space, x, y);
-      double t = rendered->along_ray[texel];
-      faces.Advance(ray, &t, &map.primitive[texel]);
-      if (map.primitive[texel] == kNoPrimitive) continue;
+      uint32_t& primitive = map.casters.primitive[texel];
+      if (primitive == kNoPrimitive) continue;
+      const RaySpace::WsRay ray = map.casters.TexelRay(ray_space, x, y);
+      double& t = map.casters.along_ray[texel];
+      faces.Advance(ray, &t, &primitive);
+      if (primitive == kNoPrimitive) continue;
       const glm::dvec3 ws_point = ray.origin + t * ray.direction;
       const double w = glm::dot(projection.Axis(), ray_space.RayFromPoint(ws_point));
       map.depth[texel] = WindowDepth(range, ray_space.AlongRay(ws_point), w);
@@ -135,9 +132,11 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
     if (test.bias == BiasKind::kSlopeScaled)
       bias = std::min(bias + test.slope * receiver.Steepness(), test.clamp);
     return MostAreShadowed(
-        map, test.pcf_radius, test.kernel, receiver, [&](size_t texel, double plane_depth) {
+        map, test.pcf_radius, test.kernel, receiver, [&](int x, int y, double plane_depth) {
           const double compared = test.bias == BiasKind::kReceiverPlane ? plane_depth : receiver.depth;
           // A renderer clamps what it compares to the range that the map can hold.
+          const auto texel = static_cast<size_t>(y) * static_cast<size_t>(map.casters.projection.size.width) +
+                             static_cast<size_t>(x);
           return stored[texel] < std::min(1.0, compared - bias);
         });
   });
@@ -146,12 +145,9 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
 ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, const VisibleSurface& surface,
                                     const ShadowMask& truth, const RaySpace& ray_space, PcfKernel kernel) {
   return TestPixels(map, surface, truth, ray_space, [&](size_t i, const ReceiverDepth& receiver) {
-    const double tolerance =
-        kRelativeTolerance * LargestComponent(surface.ws_point[i]) / receiver.ws_distance;
-    return MostAreShadowed(map, pcf_radius, kernel, receiver, [&](size_t texel, double plane_depth) {
-      const uint32_t caster = map.primitive[texel];
-      if (caster == kNoPrimitive || caster == surface.primitive[i]) return false;
-      return map.depth[texel] < plane_depth - tolerance;
+    return MostAreShadowed(map, pcf_radius, kernel, receiver, [&](int x, int y, double) {
+      return TexelShadows(map.casters, ray_space, x, y, surface.primitive[i], surface.ws_point[i],
+                          surface.ws_normal[i]);
     });
   });
 }

@@ -17,10 +17,9 @@ namespace shadowfit {
 
 /// The casters that a map's texels hold, before depth is rounded to a format.
 struct StandardMap {
-  ShadowProjection projection;
+  CasterMap casters;
   DepthRange range;
-  std::vector<double> depth;        ///< Window depth, not clamped; 1 where there is nothing.
-  std::vector<uint32_t> primitive;  ///< kNoPrimitive where there is nothing.
+  std::vector<double> depth;  ///< Window depth of each caster, not clamped; 1 where there is nothing.
 };
 
 /// Errors as of TruthScene::RenderCasters. With one kind of face alone, every surface that the camera could
@@ -35,8 +34,7 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
                                  const VisibleSurface& surface, const ShadowMask& truth,
                                  const RaySpace& ray_space);
 
-/// What it would show if depth had no errors: each texel's caster against the receiver's tangent plane at the
-/// texel's centre, a triangle never shadowing itself. The same as ShadowFromMaps for pcf_radius 0.
+/// What it would show if depth had no errors: the test of ShadowFromMaps, filtered.
 ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, const VisibleSurface& surface,
                                     const ShadowMask& truth, const RaySpace& ray_space,
                                     PcfKernel kernel = PcfKernel::kBox);

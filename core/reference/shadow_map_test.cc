@@ -19,9 +19,10 @@ constexpr double kRelativeTolerance = 1e-5;
 /// not, that is a depth error, which the counts of artefacts hold, and not the matrix's.
 constexpr double kFacetSlope = 0.2;
 
-/// Whether the texel's caster hides the tangent plane at `ws_point` from the light.
-bool IsShadowed(const CasterMap& map, const RaySpace& ray_space, int x, int y, uint32_t primitive,
-                const glm::dvec3& ws_point, const glm::dvec3& ws_normal) {
+}  // namespace
+
+bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y, uint32_t primitive,
+                  const glm::dvec3& ws_point, const glm::dvec3& ws_normal) {
   const size_t texel = size_t(y) * size_t(map.projection.size.width) + size_t(x);
   if (map.primitive[texel] == kNoPrimitive || map.primitive[texel] == primitive) return false;
   const RaySpace::WsRay ray = map.TexelRay(ray_space, x, y);
@@ -38,8 +39,6 @@ bool IsShadowed(const CasterMap& map, const RaySpace& ray_space, int x, int y, u
   const double distance = glm::length(ws_on_plane - ws_point);
   return gap > tolerance / glm::length(ray.direction) && height > kFacetSlope * distance;
 }
-
-}  // namespace
 
 absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const VisibleSurface& surface,
                                           const ShadowMask& truth, const RaySpace& ray_space,
@@ -63,8 +62,8 @@ absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const Visible
         const glm::dvec3 u = map.projection.TexelFromRay(r);
         const MapSize size = map.projection.size;
         if (!(u.z > 0.0 && u.x >= 0.0 && u.x < size.width && u.y >= 0.0 && u.y < size.height)) continue;
-        shadowed = IsShadowed(map, ray_space, int(u.x), int(u.y), surface.primitive[i], ws_point,
-                              surface.ws_normal[i]);
+        shadowed = TexelShadows(map, ray_space, int(u.x), int(u.y), surface.primitive[i], ws_point,
+                                surface.ws_normal[i]);
         break;
       }
       mask[i] = shadowed ? PixelLight::kShadowed : PixelLight::kLit;

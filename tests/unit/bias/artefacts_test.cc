@@ -124,15 +124,16 @@ TEST_F(ArtefactsTest, FacesAreToldApart) {
   const StandardMap back = render(CasterFaces::kBack);
   int boxes_seen = 0;
   for (size_t i = 0; i < both.depth.size(); ++i) {
-    if (both.primitive[i] == kNoPrimitive) continue;
+    if (both.casters.primitive[i] == kNoPrimitive) continue;
     // The nearest of the two kinds is the nearest of all.
     EXPECT_NEAR(both.depth[i], std::min(front.depth[i], back.depth[i]), 1e-5);
     for (const StandardMap* map : {&front, &back}) {
-      if (map->primitive[i] == kNoPrimitive) continue;
-      const double facing = glm::dot(scene_.WindingNormal(map->primitive[i]), ray_space_.ws_direction());
+      if (map->casters.primitive[i] == kNoPrimitive) continue;
+      const double facing =
+          glm::dot(scene_.WindingNormal(map->casters.primitive[i]), ray_space_.ws_direction());
       EXPECT_EQ(facing < 0.0, map == &front);
     }
-    boxes_seen += back.primitive[i] != kNoPrimitive ? 1 : 0;
+    boxes_seen += back.casters.primitive[i] != kNoPrimitive ? 1 : 0;
   }
   EXPECT_GT(boxes_seen, 100);
   // Lit fronts cannot shadow themselves where only backs are drawn: no bias, and hardly any acne.
