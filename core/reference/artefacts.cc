@@ -147,7 +147,7 @@ ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, cons
   return TestPixels(map, surface, truth, ray_space, [&](size_t i, const ReceiverDepth& receiver) {
     return MostAreShadowed(map, pcf_radius, kernel, receiver, [&](int x, int y, double) {
       return TexelShadows(map.casters, ray_space, x, y, surface.primitive[i], surface.ws_point[i],
-                          surface.ws_normal[i]);
+                          surface.ws_normal[i], /*facet_slope=*/0.0);
     });
   });
 }

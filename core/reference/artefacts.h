@@ -34,7 +34,9 @@ ShadowMask ShadowFromStandardMap(const StandardMap& map, const StandardTest& tes
                                  const VisibleSurface& surface, const ShadowMask& truth,
                                  const RaySpace& ray_space);
 
-/// What it would show if depth had no errors: the test of ShadowFromMaps, filtered.
+/// What it would show if depth had no errors: the test of ShadowFromMaps, filtered, in which low casters
+/// count as well. They do lie above the plane: that a texel's centre sees them is the map's coarseness, not
+/// an error of its depth.
 ShadowMask ShadowWithoutDepthErrors(const StandardMap& map, int pcf_radius, const VisibleSurface& surface,
                                     const ShadowMask& truth, const RaySpace& ray_space,
                                     PcfKernel kernel = PcfKernel::kBox);

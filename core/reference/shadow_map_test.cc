@@ -22,7 +22,7 @@ constexpr double kFacetSlope = 0.2;
 }  // namespace
 
 bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y, uint32_t primitive,
-                  const glm::dvec3& ws_point, const glm::dvec3& ws_normal) {
+                  const glm::dvec3& ws_point, const glm::dvec3& ws_normal, double facet_slope) {
   const size_t texel = size_t(y) * size_t(map.projection.size.width) + size_t(x);
   if (map.primitive[texel] == kNoPrimitive || map.primitive[texel] == primitive) return false;
   const RaySpace::WsRay ray = map.TexelRay(ray_space, x, y);
@@ -37,7 +37,7 @@ bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y,
   const double tolerance = kRelativeTolerance * std::max({size.x, size.y, size.z});
   const double height = gap * towards_plane;
   const double distance = glm::length(ws_on_plane - ws_point);
-  return gap > tolerance / glm::length(ray.direction) && height > kFacetSlope * distance;
+  return gap > tolerance / glm::length(ray.direction) && height > facet_slope * distance;
 }
 
 absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const VisibleSurface& surface,
@@ -63,7 +63,7 @@ absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const Visible
         const MapSize size = map.projection.size;
         if (!(u.z > 0.0 && u.x >= 0.0 && u.x < size.width && u.y >= 0.0 && u.y < size.height)) continue;
         shadowed = TexelShadows(map, ray_space, int(u.x), int(u.y), surface.primitive[i], ws_point,
-                                surface.ws_normal[i]);
+                                surface.ws_normal[i], kFacetSlope);
         break;
       }
       mask[i] = shadowed ? PixelLight::kShadowed : PixelLight::kLit;

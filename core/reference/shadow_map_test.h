@@ -11,9 +11,10 @@
 namespace shadowfit {
 
 /// Whether the caster of texel (x, y) hides from the light the tangent plane of a point, which is seen on a
-/// triangle, on the ray through the texel's centre; see ShadowFromMaps.
+/// triangle, on the ray through the texel's centre; see ShadowFromMaps. Casters do not count whose height
+/// above the plane is less than `facet_slope` times the distance along it.
 bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y, uint32_t primitive,
-                  const glm::dvec3& ws_point, const glm::dvec3& ws_normal);
+                  const glm::dvec3& ws_point, const glm::dvec3& ws_normal, double facet_slope);
 
 /// What a renderer with these shadow maps of one light would show, free of depth errors: a pixel looks up the
 /// texel that contains its point, in the first map that does, and is in shadow where that texel's caster is
