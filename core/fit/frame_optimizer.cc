@@ -10,6 +10,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/bias/surface_samples.h"
+#include "core/budget/map_quality.h"
+#include "core/fit/frame_sizing.h"
 #include "core/fit/method_factory.h"
 #include "core/fit/metric.h"
 #include "core/fit/prediction.h"
@@ -85,6 +87,9 @@ absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray
     if (!ids.insert(light.id).second)
       return Invalid(absl::StrFormat("%s.id: %d is not unique", path, light.id));
     if (absl::Status status = CheckMapSize(path + ".shadow_map", light.map_size); !status.ok()) return status;
+    if (!std::isfinite(light.weight) || !(light.weight > 0.0)) {
+      return Invalid(absl::StrFormat("%s.weight: %g is not finite and above 0", path, light.weight));
+    }
     absl::StatusOr<RaySpace> space = RaySpace::Create(light.light);
     if (!space.ok()) return Within(absl::StrCat(path, ".", KindName(light.light)), space.status());
     ray_spaces->push_back(*std::move(space));
@@ -231,6 +236,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   if (request.ws_scene_bounds) {
     if (absl::Status status = CheckBounds(*request.ws_scene_bounds); !status.ok()) return status;
   }
+  if (absl::Status status = CheckSizing(options.sizing); !status.ok()) return status;
   const std::unique_ptr<LightMatrixMethod> method = MakeMethod(options);
 
   FrameExtent extent;
@@ -249,53 +255,68 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   }
   summary->sampling_seconds = SecondsSince(start);
 
+  std::vector<ShadowProjection> previous(request.lights.size());
+  std::vector<SizedLight> fits(request.lights.size());
   for (size_t i = 0; i < request.lights.size(); ++i) {
     if (cancellation.Requested()) return CancelledStatus(cancellation);
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightRequest& light = request.lights[i];
-    const LightSamples& samples = work.samples[i];
-    LightSummary result;
+    LightSummary& result = summary->lights.emplace_back();
     result.id = light.id;
-    result.sample_source = samples.source;
-    result.boundary_samples = static_cast<int>(samples.boundary.size());
-    result.hull_samples = static_cast<int>(samples.hull_rays.size());
 
-    LightProblem problem;
+    LightProblem& problem = fits[i].problem;
     problem.camera = &*camera;
     problem.light = &light.light;
     problem.ray_space = &work.ray_spaces[i];
-    problem.samples = &samples;
+    problem.samples = &work.samples[i];
     problem.map_size = light.map_size;
     problem.cancellation = &cancellation;
     problem.nearest_ndc_depth = extent.nearest_ndc_depth;
     problem.farthest_ndc_depth = extent.farthest_ndc_depth;
     problem.ws_scene_bounds = ws_scene_bounds;
-    ShadowProjection previous;
     if (light.previous_clip_from_world) {
       if (ProjectionFromClip(work.ray_spaces[i], *light.previous_clip_from_world, light.map_size,
-                             &previous)) {
-        problem.previous = &previous;
+                             &previous[i])) {
+        problem.previous = &previous[i];
       } else {
         result.note = "the previous matrix is not this light's and was ignored";
       }
     }
-    const absl::StatusOr<LightFit> fit = method->Fit(problem);
+    absl::StatusOr<LightFit> fit = method->Fit(problem);
     if (cancellation.Requested()) return CancelledStatus(cancellation);
     if (!fit.ok()) return Within(absl::StrFormat("lights[%d]", i), fit.status());
-    result.outcome = fit->outcome;
-    if (fit->note[0] != '\0') result.note = fit->note;
-    result.evaluations = fit->evaluations;
-    const auto map_of = [&](const ShadowProjection& projection) {
+    fits[i].fit = *std::move(fit);
+    fits[i].weight = light.weight;
+    result.seconds = SecondsSince(light_start);
+  }
+  if (absl::Status status = SizeMaps(options.sizing, *method, request.bits.has_value(), fits); !status.ok()) {
+    return status;
+  }
+  if (cancellation.Requested()) return CancelledStatus(cancellation);
+
+  for (size_t i = 0; i < request.lights.size(); ++i) {
+    const SteadyClock::time_point light_start = SteadyClock::now();
+    const LightSamples& samples = work.samples[i];
+    const LightFit& fit = fits[i].fit;
+    LightSummary& result = summary->lights[i];
+    result.sample_source = samples.source;
+    result.boundary_samples = static_cast<int>(samples.boundary.size());
+    result.hull_samples = static_cast<int>(samples.hull_rays.size());
+    result.outcome = fit.outcome;
+    if (fit.note[0] != '\0') result.note = fit.note;
+    result.evaluations = fit.evaluations;
+    const auto map_of = [&](const ShadowProjection& projection, size_t k) {
       LightMap map;
       map.projection = KeepWinding(projection);
       map.depth_range = FitDepthRange(work.ray_spaces[i], map.projection, samples, ws_visible_corners);
       map.clip_from_world =
           ClipFromWorld(work.ray_spaces[i], map.projection, map.depth_range, request.output_clip_depth);
+      if (!fits[i].atlas_positions.empty()) map.atlas_position = fits[i].atlas_positions[k];
       return map;
     };
-    static_cast<LightMap&>(result) = map_of(fit->projection);
-    for (const ShadowProjection& projection : fit->further_projections) {
-      result.further_maps.push_back(map_of(projection));
+    static_cast<LightMap&>(result) = map_of(fit.projection, 0);
+    for (const ShadowProjection& projection : fit.further_projections) {
+      result.further_maps.push_back(map_of(projection, result.further_maps.size() + 1));
     }
     if (!IsFinite(result.clip_from_world) ||
         !std::all_of(result.further_maps.begin(), result.further_maps.end(),
@@ -307,8 +328,10 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     if (samples.source == SampleSource::kShadowBoundary) {
       result.predicted_misclassified_pixels = PredictMisclassifiedPixels(samples, ProjectionsOf(result));
     }
-    result.seconds = SecondsSince(light_start);
-    summary->lights.push_back(std::move(result));
+    if (options.assess_quality) {
+      result.quality = AssessMaps(*camera, work.ray_spaces[i], samples, ProjectionsOf(result), screen, kUnsampled);
+    }
+    result.seconds += SecondsSince(light_start);
   }
   if (absl::Status status = FindBiases(*camera, request, screen, work.ray_spaces, cancellation, summary);
       !status.ok()) {

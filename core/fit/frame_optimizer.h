@@ -9,6 +9,8 @@
 
 #include "absl/status/status.h"
 #include "core/bias/safe_bias.h"
+#include "core/budget/atlas.h"
+#include "core/budget/map_quality.h"
 #include "core/cancellation.h"
 #include "core/fit/light_problem.h"
 #include "core/fit/options.h"
@@ -22,15 +24,15 @@ namespace shadowfit {
 struct LightRequest {
   uint32_t id = 0;  ///< The caller's name for the light; unique in a frame.
   Light light;
-  MapSize map_size;  ///< Texels, 1 to kMaxMapSize a side.
+  MapSize map_size;  ///< Texels, 1 to kMaxMapSize a side. The aspect ratio only, where Options::sizing is set.
   /// The matrix that the previous frame used, in FrameRequest::output_clip_depth convention; temporal
   /// stability works from it. A matrix that is not this light's (it moved) is ignored, and the summary says
   /// so.
   std::optional<glm::dmat4> previous_clip_from_world;
+  double weight = 1.0;  ///< What a wrong pixel of this light counts where texels are shared. Above 0.
 };
 
 inline constexpr int kMaxLights = 32;
-inline constexpr int kMaxMapSize = 65536;
 
 /// One frame: what the camera sees, and the lights to fit. Pictures are borrowed.
 struct FrameRequest {
@@ -51,7 +53,8 @@ struct LightMap {
   glm::dmat4 clip_from_world{1.0};
   ShadowProjection projection;
   DepthRange depth_range;
-  std::optional<SafeBias> safe_bias;  ///< Where the request asks for it.
+  std::optional<SafeBias> safe_bias;            ///< Where the request asks for it.
+  std::optional<AtlasPosition> atlas_position;  ///< Where BudgetOptions::atlas asks for it.
 };
 
 /// What was done for one light, and how good it is.
@@ -66,6 +69,9 @@ struct LightSummary : LightMap {
 
   double predicted_misclassified_pixels = 0.0;  ///< On the final screen.
   double objective = 0.0;                       ///< The papers' h at the returned matrix.
+  /// Why the prediction is what it is; without shadow edges, of every edge that there might be. Where
+  /// Options::assess_quality asks for it.
+  std::optional<MapQuality> quality;
   int boundary_samples = 0;
   int hull_samples = 0;
   int evaluations = 0;

@@ -5,6 +5,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/budget/map_sizing.h"
+
 namespace shadowfit {
 
 /// Ways to make a light matrix; the names are those of the command line and the wire.
@@ -74,6 +76,10 @@ struct Options {
   Method method = Method::kDefault;
   PaperOptions paper;
   DefaultOptions standard;
+  /// Every method's maps can be sized by budget or tolerance.
+  MapSizing sizing;
+  /// Fill in LightSummary::quality.
+  bool assess_quality = false;
 };
 
 }  // namespace shadowfit

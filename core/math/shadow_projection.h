@@ -15,6 +15,13 @@ struct MapSize {
   friend bool operator==(const MapSize&, const MapSize&) = default;
 };
 
+/// What a map's width or height is rounded to.
+enum class SizeRounding {
+  kExact,        ///< Whole texels.
+  kMultipleOf8,  ///< As many GPUs tile their textures.
+  kPowerOfTwo,
+};
+
 /// Where one shadow map's texels lie: the homography H from ray coordinates to texel coordinates (rows h1,
 /// h2, h3; |h3| = 1),
 ///

@@ -20,13 +20,6 @@
 /// width and height of a patch's bounding box are how large a texel may be.
 namespace shadowfit {
 
-/// What a width or height is rounded up to.
-enum class SizeRounding {
-  kExact,        ///< Whole texels.
-  kMultipleOf8,  ///< As many GPUs tile their textures.
-  kPowerOfTwo,
-};
-
 inline constexpr int kMaxResolution = 65536;
 inline constexpr int kMaxDepthBufferSide = 16384;
 
