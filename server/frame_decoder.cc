@@ -1,6 +1,8 @@
 #include "server/frame_decoder.h"
 
 #include <string>
+#include <tuple>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 #include "server/field_decoding.h"
@@ -71,6 +73,50 @@ absl::Status DecodeBias(const v1::SafeBiasOptions& from, BiasOptions* to) {
   return absl::OkStatus();
 }
 
+absl::Status DecodeSides(const v1::SideLimits& from, const std::string& path, SideLimits* to) {
+  for (const auto& [value, side, name] : {std::tuple(from.min_side(), &to->min_side, ".min_side"),
+                                          std::tuple(from.max_side(), &to->max_side, ".max_side")}) {
+    if (value > kMaxMapSize) {
+      return FieldError(path + name, absl::StrFormat("%d is above %d", value, kMaxMapSize));
+    }
+    if (value != 0) *side = static_cast<int>(value);
+  }
+  switch (from.rounding()) {
+    case v1::SIZE_ROUNDING_UNSPECIFIED:
+    case v1::SIZE_ROUNDING_EXACT:
+      to->rounding = SizeRounding::kExact;
+      return absl::OkStatus();
+    case v1::SIZE_ROUNDING_MULTIPLE_OF_8:
+      to->rounding = SizeRounding::kMultipleOf8;
+      return absl::OkStatus();
+    case v1::SIZE_ROUNDING_POWER_OF_TWO:
+      to->rounding = SizeRounding::kPowerOfTwo;
+      return absl::OkStatus();
+    default:
+      return UnknownEnum(path + ".rounding", from.rounding());
+  }
+}
+
+absl::Status DecodeSizing(const v1::OptimizeOptions& from, MapSizing* to) {
+  if (from.has_texel_budget()) {
+    BudgetOptions& budget = to->emplace<BudgetOptions>();
+    // Doubles hold what 65536^2 texels for each of 32 lights need, and more is no budget.
+    budget.total_texels = static_cast<double>(from.texel_budget().total_texels());
+    if (from.texel_budget().has_atlas()) {
+      absl::Status status =
+          DecodeSize(from.texel_budget().atlas(), "options.texel_budget.atlas", &budget.atlas.emplace());
+      if (!status.ok()) return status;
+    }
+    return DecodeSides(from.texel_budget().sides(), "options.texel_budget.sides", &budget.sides);
+  }
+  if (from.has_tolerance()) {
+    ToleranceOptions& tolerance = to->emplace<ToleranceOptions>();
+    tolerance.max_misclassified_pixels = from.tolerance().max_misclassified_pixels();
+    return DecodeSides(from.tolerance().sides(), "options.tolerance.sides", &tolerance.sides);
+  }
+  return absl::OkStatus();
+}
+
 absl::Status DecodeBits(const v1::BitBuffer& bits, BitsView* view) {
   if (absl::Status status = CheckPicture(bits, sizeof(uint32_t), "shadow_bits"); !status.ok()) return status;
   return ViewRows(Samples<uint32_t>(bits.data()).data(), bits, "shadow_bits", view);
@@ -80,6 +126,7 @@ absl::Status DecodeLight(const v1::Light& light, const std::string& path, FrameD
                          LightRequest* out) {
   out->id = light.id();
   if (absl::Status status = DecodeLightKind(light, path, &out->light); !status.ok()) return status;
+  out->weight = light.has_weight() ? light.weight() : 1.0;
   out->map_size = {};
   if (light.has_shadow_map()) {
     absl::Status status = DecodeSize(light.shadow_map(), path + ".shadow_map", &out->map_size);
@@ -111,11 +158,14 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
     return FieldError("lights",
                       absl::StrFormat("%d, at most %d fit a frame", frame.lights_size(), kMaxLights));
   }
+  const bool sized = frame.options().map_sizing_case() != v1::OptimizeOptions::MAP_SIZING_NOT_SET;
   request->lights.resize(static_cast<size_t>(frame.lights_size()));
   for (int i = 0; i < frame.lights_size(); ++i) {
-    status = DecodeLight(frame.lights(i), absl::StrFormat("lights[%d]", i), map_sizes_,
-                         &request->lights[static_cast<size_t>(i)]);
+    LightRequest& light = request->lights[static_cast<size_t>(i)];
+    status = DecodeLight(frame.lights(i), absl::StrFormat("lights[%d]", i),
+                         sized ? MapSizes::kOptional : map_sizes_, &light);
     if (!status.ok()) return status;
+    if (sized && light.map_size == MapSize{}) light.map_size = {1024, 1024};
   }
 
   request->screen = {};
@@ -137,6 +187,8 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
                                 &request->output_clip_depth));
   status.Update(DecodeMostMaps(frame.options().most_maps(), &options->standard));
   options->standard.free_aspect = frame.options().free_aspect();
+  status.Update(DecodeSizing(frame.options(), &options->sizing));
+  options->assess_quality = frame.options().assess_quality();
   request->safe_bias.reset();
   if (frame.options().has_safe_bias()) {
     status.Update(DecodeBias(frame.options().safe_bias(), &request->safe_bias.emplace()));

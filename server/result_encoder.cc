@@ -53,6 +53,36 @@ void EncodeSize(MapSize from, v1::Size* to) {
   to->set_height(static_cast<uint32_t>(from.height));
 }
 
+void EncodePosition(AtlasPosition from, v1::AtlasPosition* to) {
+  to->set_x(static_cast<uint32_t>(from.x));
+  to->set_y(static_cast<uint32_t>(from.y));
+}
+
+v1::MapFlaw EncodeFlaw(MapFlaw flaw) {
+  switch (flaw) {
+    case MapFlaw::kNone:
+      return v1::MAP_FLAW_NONE;
+    case MapFlaw::kPerspective:
+      return v1::MAP_FLAW_PERSPECTIVE;
+    case MapFlaw::kProjection:
+      return v1::MAP_FLAW_PROJECTION;
+    case MapFlaw::kFit:
+      return v1::MAP_FLAW_FIT;
+    case MapFlaw::kBudget:
+      return v1::MAP_FLAW_BUDGET;
+  }
+  return v1::MAP_FLAW_UNSPECIFIED;
+}
+
+void EncodeQuality(const MapQuality& from, v1::MapQuality* to) {
+  to->set_unit_pixels(from.unit_pixels);
+  to->set_perspective(from.perspective);
+  to->set_projection(from.projection);
+  to->set_fit(from.fit);
+  to->set_budget(from.budget);
+  to->set_worst(EncodeFlaw(from.Worst()));
+}
+
 }  // namespace
 
 void EncodeResult(uint64_t frame_id, const FrameSummary& summary, double queue_seconds,
@@ -74,11 +104,14 @@ void EncodeResult(uint64_t frame_id, const FrameSummary& summary, double queue_s
     to.set_evaluations(static_cast<uint32_t>(from.evaluations));
     to.set_optimize_seconds(from.seconds);
     if (from.safe_bias) EncodeBias(*from.safe_bias, to.mutable_safe_bias());
+    if (from.quality) EncodeQuality(*from.quality, to.mutable_quality());
+    if (from.atlas_position) EncodePosition(*from.atlas_position, to.mutable_atlas_position());
     for (const LightMap& map : from.further_maps) {
       v1::ShadowMap& further = *to.add_further_maps();
       EncodeMatrix(map.clip_from_world, further.mutable_world_to_shadow_clip());
       EncodeSize(map.projection.size, further.mutable_size());
       if (map.safe_bias) EncodeBias(*map.safe_bias, further.mutable_safe_bias());
+      if (map.atlas_position) EncodePosition(*map.atlas_position, further.mutable_atlas_position());
     }
   }
   v1::FrameTimings& timings = *result->mutable_timings();

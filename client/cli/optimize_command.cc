@@ -4,10 +4,13 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
 #include "client/cli/commands.h"
 #include "client/cli/frame_files.h"
 #include "client/embedded/service_connection.h"
@@ -23,6 +26,12 @@ struct OptimizeArguments {
   std::string out;
   v1::ShadowMapFormat bias_format = v1::SHADOW_MAP_FORMAT_UNSPECIFIED;
   uint32_t pcf_radius = 0;
+  uint64_t budget = 0;
+  std::string atlas;
+  double tolerance = 0.0;
+  v1::SizeRounding rounding = v1::SIZE_ROUNDING_UNSPECIFIED;
+  uint32_t min_side = 0;
+  uint32_t max_side = 0;
   std::string server;
   double timeout_seconds = 30.0;
 };
@@ -41,6 +50,26 @@ std::string MapColumn(const v1::LightResult& light) {
   std::string column = absl::StrCat(light.shadow_map().width(), "x", light.shadow_map().height());
   if (light.further_maps_size() > 0) absl::StrAppend(&column, " +", light.further_maps_size());
   return column;
+}
+
+/// Why each map is as bad as it is, and where it lies.
+void PrintQuality(const v1::FrameResult& result) {
+  bool atlas = false;
+  for (const v1::LightResult& light : result.lights()) atlas = atlas || light.has_atlas_position();
+  absl::PrintF("\nWrong pixels are those of a map with one texel a pixel, times four factors\n");
+  absl::PrintF("%10s  %12s  %8s  %8s  %11s  %10s  %-11s%s\n", "light", "one a pixel", "budget", "fit",
+               "perspective", "projection", "worst", atlas ? "  in the atlas at" : "");
+  for (const v1::LightResult& light : result.lights()) {
+    if (!light.has_quality()) continue;
+    const v1::MapQuality& quality = light.quality();
+    const std::string position =
+        light.has_atlas_position()
+            ? absl::StrFormat("  %d,%d", light.atlas_position().x(), light.atlas_position().y())
+            : "";
+    absl::PrintF("%10d  %12.1f  %8.3f  %8.3f  %11.3f  %10.3f  %-11s%s\n", light.id(), quality.unit_pixels(),
+                 quality.budget(), quality.fit(), quality.perspective(), quality.projection(),
+                 Words(v1::MapFlaw_Name(quality.worst()), "MAP_FLAW_"), position);
+  }
 }
 
 void PrintTable(const v1::FrameResult& result) {
@@ -63,11 +92,38 @@ void PrintTable(const v1::FrameResult& result) {
                  bias.slope(), bias.clamp(), bias.receiver_plane_constant(), bias.mean_detachment(),
                  bias.worst_detachment(), bias.mean_detachment_pixels());
   }
+  PrintQuality(result);
   const v1::FrameTimings& timings = result.timings();
   absl::PrintF(
       "\n%d light%s in %.3f ms, of which %.3f ms for sampling and %.3f ms for biases; %.3f ms in the queue\n",
       result.lights_size(), result.lights_size() == 1 ? "" : "s", timings.total_seconds() * 1e3,
       timings.sampling_seconds() * 1e3, timings.bias_seconds() * 1e3, timings.queue_seconds() * 1e3);
+}
+
+/// Where the arguments size the maps they replace what the frame says of that.
+void SetSizing(const OptimizeArguments& arguments, v1::OptimizeOptions* options) {
+  if (arguments.tolerance > 0.0) {
+    options->mutable_tolerance()->set_max_misclassified_pixels(arguments.tolerance);
+  }
+  if (arguments.budget > 0) options->mutable_texel_budget()->set_total_texels(arguments.budget);
+  if (!arguments.atlas.empty()) {
+    const std::vector<std::string> parts = absl::StrSplit(arguments.atlas, 'x');
+    uint32_t width = 0;
+    uint32_t height = 0;
+    if (parts.size() != 2 || !absl::SimpleAtoi(parts[0], &width) || !absl::SimpleAtoi(parts[1], &height)) {
+      ThrowIfError(absl::InvalidArgumentError(
+          absl::StrCat("--atlas: \"", arguments.atlas, "\" is no size, as 4096x2048 is")));
+    }
+    options->mutable_texel_budget()->mutable_atlas()->set_width(width);
+    options->mutable_texel_budget()->mutable_atlas()->set_height(height);
+  }
+  v1::SideLimits* sides = options->has_tolerance()      ? options->mutable_tolerance()->mutable_sides()
+                          : options->has_texel_budget() ? options->mutable_texel_budget()->mutable_sides()
+                                                        : nullptr;
+  if (sides == nullptr) return;
+  if (arguments.min_side != 0) sides->set_min_side(arguments.min_side);
+  if (arguments.max_side != 0) sides->set_max_side(arguments.max_side);
+  if (arguments.rounding != v1::SIZE_ROUNDING_UNSPECIFIED) sides->set_rounding(arguments.rounding);
 }
 
 void RunOptimize(const OptimizeArguments& arguments, bool json) {
@@ -78,6 +134,8 @@ void RunOptimize(const OptimizeArguments& arguments, bool json) {
   v1::SafeBiasOptions& bias = *frame.mutable_options()->mutable_safe_bias();
   if (arguments.bias_format != v1::SHADOW_MAP_FORMAT_UNSPECIFIED) bias.set_format(arguments.bias_format);
   if (arguments.pcf_radius != 0) bias.set_pcf_radius(arguments.pcf_radius);
+  frame.mutable_options()->set_assess_quality(true);
+  SetSizing(arguments, frame.mutable_options());
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   CallOptions call;
   call.timeout = std::chrono::milliseconds(static_cast<int64_t>(arguments.timeout_seconds * 1e3));
@@ -121,6 +179,36 @@ void AddOptimizeCommand(CLI::App& app) {
                    "Filter radius in texels, for the safe bias: (2 r + 1)^2 texels are read")
       ->check(CLI::Range(0U, 16U))
       ->type_name("R");
+  CLI::Option* budget =
+      command
+          ->add_option("--budget", arguments->budget,
+                       "Share so many texels among the lights by what they gain (weights: the frame's lights)")
+          ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
+          ->type_name("TEXELS");
+  CLI::Option* atlas = command
+                           ->add_option("--atlas", arguments->atlas,
+                                        "Lay the maps out in one texture, which --budget may leave half empty")
+                           ->type_name("WxH");
+  command
+      ->add_option("--tolerance", arguments->tolerance,
+                   "The smallest maps that are expected to get at most so many pixels wrong, each")
+      ->check(CLI::PositiveNumber)
+      ->excludes(budget)
+      ->excludes(atlas)
+      ->type_name("PIXELS");
+  command->add_option("--min-side", arguments->min_side, "Of maps that are sized; default 16")
+      ->check(CLI::Range(1U, 65536U));
+  command->add_option("--max-side", arguments->max_side, "Of maps that are sized; default 8192")
+      ->check(CLI::Range(1U, 65536U));
+  const std::map<std::string, v1::SizeRounding> roundings = {
+      {"exact", v1::SIZE_ROUNDING_EXACT},
+      {"8", v1::SIZE_ROUNDING_MULTIPLE_OF_8},
+      {"power_of_two", v1::SIZE_ROUNDING_POWER_OF_TWO}};
+  command
+      ->add_option("--rounding", arguments->rounding,
+                   "Sides of maps that are sized: exact, 8 (a multiple), power_of_two")
+      ->transform(CLI::CheckedTransformer(roundings))
+      ->type_name("ROUNDING");
   command->add_option("--out", arguments->out, "Write shadowfit.v1.FrameResult as Protobuf JSON")
       ->type_name("RESULT.json");
   command->add_option("--timeout", arguments->timeout_seconds, "Give up after so many seconds")

@@ -53,6 +53,11 @@ def main():
     parser.add_argument("--method", help="normal, focused, ..., paper, default")
     parser.add_argument("--depth-format", choices=["unorm16", "unorm24", "float32"], default="unorm24",
                         help="of the shadow maps, for the safe bias")
+    parser.add_argument("--budget", type=int, metavar="TEXELS", help="share so many texels among the lights")
+    parser.add_argument("--atlas", metavar="WxH", help="lay the maps out in one texture")
+    parser.add_argument("--tolerance", type=float, metavar="PIXELS", help="the smallest maps for so many wrong pixels")
+    parser.add_argument("--rounding", choices=["exact", "8", "power_of_two"], default="exact",
+                        help="of the sides of maps that are sized")
     parser.add_argument("--out", help="write shadowfit.v1.FrameResult as Protobuf JSON")
     parser.add_argument("--server", required=True, help="HOST:PORT or unix:PATH")
     parser.add_argument("--timeout", type=float, default=30.0, help="give up after so many seconds")
@@ -71,6 +76,20 @@ def main():
     safe_bias = request.frame.options.safe_bias
     safe_bias.format = frame_pb2.ShadowMapFormat.Value("SHADOW_MAP_FORMAT_" + arguments.depth_format.upper())
 
+    options = request.frame.options
+    options.assess_quality = True
+    if arguments.budget:
+        options.texel_budget.total_texels = arguments.budget
+    if arguments.atlas:
+        width, height = (int(side) for side in arguments.atlas.split("x"))
+        options.texel_budget.atlas.width, options.texel_budget.atlas.height = width, height
+    if arguments.tolerance:
+        options.tolerance.max_misclassified_pixels = arguments.tolerance
+    sizing = options.WhichOneof("map_sizing")
+    if sizing:
+        rounding = {"8": "MULTIPLE_OF_8"}.get(arguments.rounding, arguments.rounding.upper())
+        getattr(options, sizing).sides.rounding = frame_pb2.SizeRounding.Value("SIZE_ROUNDING_" + rounding)
+
     unlimited = [("grpc.max_send_message_length", -1), ("grpc.max_receive_message_length", -1)]
     with grpc.insecure_channel(arguments.server, options=unlimited) as channel:
         stub = optimizer_pb2_grpc.OptimizerServiceStub(channel)
@@ -85,13 +104,15 @@ def main():
     if arguments.json:
         print(json.dumps(document, indent=1))
     else:
-        print(f"{'light':>10}  {'map':>11}  {'wrong pixels':>12}  {'ms':>8}  {'bias':>10}  {'slope':>8}  outcome")
+        print(f"{'light':>10}  {'map':>11}  {'wrong pixels':>12}  {'ms':>8}  {'bias':>10}  {'slope':>8}  "
+              f"{'worst':<11}  outcome")
         for light in result.lights:
             size = f"{light.shadow_map.width}x{light.shadow_map.height}"
             outcome = frame_pb2.FitOutcome.Name(light.outcome).removeprefix("FIT_OUTCOME_").lower().replace("_", " ")
+            worst = frame_pb2.MapFlaw.Name(light.quality.worst).removeprefix("MAP_FLAW_").lower()
             print(f"{light.id:>10}  {size:>11}  {light.predicted_misclassified_pixels:>12.1f}  "
                   f"{light.optimize_seconds * 1e3:>8.3f}  {light.safe_bias.constant:>10.3e}  "
-                  f"{light.safe_bias.slope:>8.5f}  {outcome}")
+                  f"{light.safe_bias.slope:>8.5f}  {worst:<11}  {outcome}")
 
 
 if __name__ == "__main__":

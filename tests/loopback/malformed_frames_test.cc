@@ -50,6 +50,11 @@ v1::PointLight* Point(Frame& f) { return f.mutable_lights(0)->mutable_point(); }
 v1::SpotLight* Spot(Frame& f) { return f.mutable_lights(1)->mutable_spot(); }
 v1::DirectionalLight* Directional(Frame& f) { return f.mutable_lights(2)->mutable_directional(); }
 
+v1::TexelBudget* Budget(Frame& f) {
+  f.mutable_options()->mutable_texel_budget()->set_total_texels(1'000'000);
+  return f.mutable_options()->mutable_texel_budget();
+}
+
 void ShrinkBits(Frame& f, uint32_t width, uint32_t height) {
   Bits(f)->set_width(width);
   Bits(f)->set_height(height);
@@ -244,6 +249,42 @@ const std::vector<Malformed>& Table() {
        [](v1::Frame& f) { f.mutable_options()->set_most_maps(7); }},
       {"unknown method", "options.method",
        [](Frame& f) { f.mutable_options()->set_method(static_cast<v1::Method>(99)); }},
+      {"light of weight 0", "lights[1].weight", [](Frame& f) { f.mutable_lights(1)->set_weight(0.0); }},
+      {"light of NaN weight", "lights[0].weight", [](Frame& f) { f.mutable_lights(0)->set_weight(kNan); }},
+      {"budget of nothing", "options.texel_budget.total_texels",
+       [](Frame& f) { f.mutable_options()->mutable_texel_budget(); }},
+      {"budget of three texels", "options.texel_budget.total_texels",
+       [](Frame& f) { f.mutable_options()->mutable_texel_budget()->set_total_texels(3); }},
+      {"budget of sides 2^31", "options.texel_budget.sides.max_side",
+       [](Frame& f) { Budget(f)->mutable_sides()->set_max_side(kHuge); }},
+      {"budget of sides the wrong way round", "options.texel_budget.sides.min_side",
+       [](Frame& f) {
+         Budget(f)->mutable_sides()->set_min_side(200);
+         Budget(f)->mutable_sides()->set_max_side(100);
+       }},
+      {"budget of multiples of 8 from 4 on", "options.texel_budget.sides.min_side",
+       [](Frame& f) {
+         Budget(f)->mutable_sides()->set_min_side(4);
+         Budget(f)->mutable_sides()->set_rounding(v1::SIZE_ROUNDING_MULTIPLE_OF_8);
+       }},
+      {"budget of unknown rounding", "options.texel_budget.sides.rounding",
+       [](Frame& f) { Budget(f)->mutable_sides()->set_rounding(static_cast<v1::SizeRounding>(9)); }},
+      {"atlas without height", "options.texel_budget.atlas.height",
+       [](Frame& f) { Budget(f)->mutable_atlas()->set_width(64); }},
+      {"atlas too small", "options.texel_budget.atlas",
+       [](Frame& f) {
+         Budget(f)->mutable_atlas()->set_width(20);
+         Budget(f)->mutable_atlas()->set_height(20);
+       }},
+      {"tolerance of nothing", "options.tolerance.max_misclassified_pixels",
+       [](Frame& f) { f.mutable_options()->mutable_tolerance(); }},
+      {"tolerance of infinity", "options.tolerance.max_misclassified_pixels",
+       [](Frame& f) { f.mutable_options()->mutable_tolerance()->set_max_misclassified_pixels(kInfinity); }},
+      {"tolerance of sides 65537", "options.tolerance.sides.min_side",
+       [](Frame& f) {
+         f.mutable_options()->mutable_tolerance()->set_max_misclassified_pixels(10.0);
+         f.mutable_options()->mutable_tolerance()->mutable_sides()->set_min_side(65537);
+       }},
       {"unknown output convention", "options.output_clip_depth",
        [](Frame& f) { f.mutable_options()->set_output_clip_depth(static_cast<v1::ClipDepth>(-7)); }},
   };

@@ -110,6 +110,37 @@ TEST_F(Commands, OptimizeTakesTheMethodFromItsFlag) {
   EXPECT_NE(unheard.error.find("plane_optimal"), std::string::npos) << unheard.error;
 }
 
+TEST_F(Commands, OptimizeSharesABudget) {
+  WriteFrameFiles();
+  const Ran shared(With({SHADOWFIT_PROGRAM, "optimize"}, {"--budget", "600000", "--atlas", "1024x1024",
+                                                          "--rounding", "8", "--min-side", "32"}));
+  ASSERT_EQ(shared.code, 0) << shared.error;
+  EXPECT_NE(shared.out.find("in the atlas at"), std::string::npos) << shared.out;
+  v1::FrameResult result;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(Read("result.json"), &result).ok());
+  uint64_t texels = 0;
+  for (const v1::LightResult& light : result.lights()) {
+    EXPECT_EQ(light.shadow_map().width() % 8, 0U);
+    EXPECT_GE(light.shadow_map().width(), 32U);
+    EXPECT_TRUE(light.has_atlas_position());
+    EXPECT_NE(light.quality().worst(), v1::MAP_FLAW_UNSPECIFIED);
+    texels += uint64_t{light.shadow_map().width()} * light.shadow_map().height();
+  }
+  EXPECT_LE(texels, 600000U);
+  EXPECT_GE(texels, 500000U);
+
+  const Ran tolerant(With({SHADOWFIT_PROGRAM, "optimize"}, {"--tolerance", "40", "--max-side", "512"}));
+  ASSERT_EQ(tolerant.code, 0) << tolerant.error;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(Read("result.json"), &result).ok());
+  for (const v1::LightResult& light : result.lights()) EXPECT_LE(light.shadow_map().width(), 512U);
+
+  const Ran both(With({SHADOWFIT_PROGRAM, "optimize"}, {"--tolerance", "40", "--budget", "512"}));
+  EXPECT_NE(both.code, 0);
+  const Ran little(With({SHADOWFIT_PROGRAM, "optimize"}, {"--budget", "512"}));
+  EXPECT_EQ(little.code, 1);
+  EXPECT_NE(little.error.find("options.texel_budget.total_texels: 512 "), std::string::npos) << little.error;
+}
+
 #ifdef SHADOWFIT_PYTHON
 TEST_F(Commands, ThePythonScriptGivesTheSameMatrices) {
   WriteFrameFiles();
@@ -120,6 +151,13 @@ TEST_F(Commands, ThePythonScriptGivesTheSameMatrices) {
   ASSERT_EQ(python.code, 0) << python.error;
   ExpectResult(Read("result.json"));
   ExpectResult(python.out);
+
+  const Ran shared(With({SHADOWFIT_PYTHON, SHADOWFIT_PYTHON_SCRIPT},
+                        {"--server", server.address(), "--atlas", "1024x1024", "--rounding", "power_of_two"}));
+  EXPECT_EQ(shared.code, 0) << shared.error;
+  v1::FrameResult sized;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(Read("result.json"), &sized).ok());
+  EXPECT_TRUE(sized.lights(0).has_atlas_position());
 
   const Ran nobody(With({SHADOWFIT_PYTHON, SHADOWFIT_PYTHON_SCRIPT}, {"--server", "127.0.0.1:1"}));
   EXPECT_EQ(nobody.code, 1);
