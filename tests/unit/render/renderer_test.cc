@@ -293,7 +293,7 @@ TEST_F(RendererTest, StandardTestsAgreeWithTheReference) {
   for (const int radius : {0, 1, 3}) {
     SCOPED_TRACE(absl::StrCat("radius ", radius));
     compare({DepthFormat::kFloat32, kConstant, 0.004, 0.0, radius}, false);
-    compare({DepthFormat::kFloat32, kSlopeScaled, 1e-4, 1.0 + 0.5 * radius, radius}, false);
+    compare({DepthFormat::kFloat32, kSlopeScaled, 1e-4, 0.5 + 0.5 * radius, radius}, false);
     compare({DepthFormat::kFloat32, kReceiverPlane, 1e-5, 0.0, radius}, false);
   }
   StandardTest tent{DepthFormat::kFloat32, kSlopeScaled, 1e-4, 1.5, 2};
