@@ -19,18 +19,15 @@ constexpr double kMostStretch = 2.7;
 // it, and rounding in a renderer's 32-bit matrices begins to show.
 constexpr double kLeastRatio = 0.004;
 
-constexpr int kCoarseDirections = 8;
-
 /// Rotations by pi/16 * 2^-k, the steps of the pattern search.
 struct Rotation {
   double cosine;
   double sine;
   double angle;
 };
-constexpr int kSteps = 6;
-const std::array<Rotation, kSteps>& Steps() {
-  static const std::array<Rotation, kSteps> steps = [] {
-    std::array<Rotation, kSteps> all;
+const std::array<Rotation, EdgeFit::kFine>& Steps() {
+  static const std::array<Rotation, EdgeFit::kFine> steps = [] {
+    std::array<Rotation, EdgeFit::kFine> all;
     double angle = std::numbers::pi / 16.0;
     for (Rotation& step : all) {
       step = {std::cos(angle), std::sin(angle), angle};
@@ -122,7 +119,7 @@ double EdgeFit::Cost(const AffineShape& shape) const {
 
 /// Pattern search: each side alone, both together and the aspect, both ways; the step is halved where nothing
 /// improves.
-void EdgeFit::Refine(int first_step, Result* best) const {
+void EdgeFit::Refine(int first_step, int last_step, Result* best) const {
   const auto attempt = [&](const AffineShape& shape) {
     const double cost = Cost(shape);
     if (cost >= best->cost) return false;
@@ -130,7 +127,7 @@ void EdgeFit::Refine(int first_step, Result* best) const {
     return true;
   };
   constexpr int kMostRounds = 8;
-  for (int k = first_step; k < kSteps; ++k) {
+  for (int k = first_step; k < last_step; ++k) {
     const Rotation& step = Steps()[static_cast<size_t>(k)];
     bool improved = true;
     for (int round = 0; improved && round < kMostRounds; ++round) {
@@ -150,32 +147,34 @@ void EdgeFit::Refine(int first_step, Result* best) const {
   }
 }
 
-EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis) {
+EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
   Result best;
   if (!MoveTo(axis)) return best;
-  std::array<glm::dvec2, kCoarseDirections> directions;
-  for (int i = 0; i < kCoarseDirections; ++i) {
-    const double angle = std::numbers::pi * i / kCoarseDirections;
-    directions[static_cast<size_t>(i)] = {std::cos(angle), std::sin(angle)};
+  float directions[kCoarseDirections][2];
+  for (size_t i = 0; i < kCoarseDirections; ++i) {
+    const double angle = std::numbers::pi * static_cast<double>(i) / kCoarseDirections;
+    directions[i][0] = static_cast<float>(std::cos(angle));
+    directions[i][1] = static_cast<float>(std::sin(angle));
   }
-  const bool symmetric = size_.width == size_.height;
-  for (size_t i = 0; i < directions.size(); ++i) {
-    for (size_t j = symmetric ? i + 1 : 0; j < directions.size(); ++j) {
-      if (i == j) continue;
-      const AffineShape shape{directions[i], directions[j], 1.0};
-      const double cost = Cost(shape);
-      if (cost < best.cost) best = {cost, shape};
+  float costs[kCoarseDirections][kCoarseDirections];
+  EdgeCostsOfPairs(gx_.data(), gy_.data(), gathered_, hull_x_.data(), hull_y_.data(), hull_x_.size(), directions,
+                   static_cast<float>(size_.width), static_cast<float>(size_.height), costs);
+  for (size_t i = 0; i < kCoarseDirections; ++i) {
+    for (size_t j = 0; j < kCoarseDirections; ++j) {
+      if (i == j || !(static_cast<double>(costs[i][j]) < best.cost)) continue;
+      const auto side = [&](size_t k) { return glm::normalize(glm::dvec2(directions[k][0], directions[k][1])); };
+      best = {static_cast<double>(costs[i][j]), {side(i), side(j), 1.0}};
     }
   }
-  Refine(0, &best);
+  Refine(0, steps, &best);
   return best;
 }
 
-EdgeFit::Result EdgeFit::EvaluateNear(const glm::dvec2& axis, const AffineShape& guess) {
+EdgeFit::Result EdgeFit::EvaluateNear(const glm::dvec2& axis, const AffineShape& guess, int steps) {
   Result best;
   if (!MoveTo(axis)) return best;
   best = {Cost(guess), guess};
-  Refine(1, &best);
+  Refine(1, steps, &best);
   return best;
 }
 

@@ -1,5 +1,7 @@
 #include "core/fit/edge_kernels.h"
 
+#include <cmath>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/fit/edge_kernels.cc"
 #include <hwy/foreach_target.h>
@@ -37,52 +39,82 @@ void EdgeCovectors(const float* x, const float* y, const float* e1, const float*
   }
 }
 
+/// s/4 + t^2 / (12 s), s >= t the sorted p, q >= 0.
+HWY_INLINE hn::Vec<Lanes> ExpectedWidth(hn::Vec<Lanes> p, hn::Vec<Lanes> q) {
+  const Lanes d;
+  const auto s = hn::Max(p, q);
+  const auto t = hn::Min(p, q);
+  return hn::Add(hn::Mul(hn::Set(d, 0.25f), s), hn::Div(hn::Mul(hn::Mul(t, t), hn::Set(d, 1.0f / 12.0f)),
+                                                        hn::Add(s, hn::Set(d, 1e-30f))));
+}
+
+/// |g . b|
+HWY_INLINE hn::Vec<Lanes> Along(const float* gx, const float* gy, size_t i, const float b[2]) {
+  const Lanes d;
+  return hn::Abs(
+      hn::Add(hn::Mul(hn::LoadU(d, gx + i), hn::Set(d, b[0])), hn::Mul(hn::LoadU(d, gy + i), hn::Set(d, b[1]))));
+}
+
 float EdgeCost(const float* gx, const float* gy, size_t count, const float b1[2], const float b2[2]) {
   const Lanes d;
-  const auto b1x = hn::Set(d, b1[0]);
-  const auto b1y = hn::Set(d, b1[1]);
-  const auto b2x = hn::Set(d, b2[0]);
-  const auto b2y = hn::Set(d, b2[1]);
-  const auto quarter = hn::Set(d, 0.25f);
-  const auto twelfth = hn::Set(d, 1.0f / 12.0f);
-  const auto tiny = hn::Set(d, 1e-30f);
   auto sum = hn::Zero(d);
   for (size_t i = 0; i < count; i += hn::Lanes(d)) {
-    const auto x = hn::LoadU(d, gx + i);
-    const auto y = hn::LoadU(d, gy + i);
-    const auto p = hn::Abs(hn::Add(hn::Mul(x, b1x), hn::Mul(y, b1y)));
-    const auto q = hn::Abs(hn::Add(hn::Mul(x, b2x), hn::Mul(y, b2y)));
-    const auto s = hn::Max(p, q);
-    const auto t = hn::Min(p, q);
-    sum = hn::Add(sum,
-                  hn::Add(hn::Mul(quarter, s), hn::Div(hn::Mul(hn::Mul(t, t), twelfth), hn::Add(s, tiny))));
+    sum = hn::Add(sum, ExpectedWidth(Along(gx, gy, i, b1), Along(gx, gy, i, b2)));
   }
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
+/// Greatest minus least n . v.
+float HullExtent(const float* vx, const float* vy, size_t count, float nx, float ny) {
+  const Lanes d;
+  const auto x = hn::Set(d, nx);
+  const auto y = hn::Set(d, ny);
+  auto low = hn::Set(d, 1e30f);
+  auto high = hn::Set(d, -1e30f);
+  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const auto along = hn::Add(hn::Mul(hn::LoadU(d, vx + i), x), hn::Mul(hn::LoadU(d, vy + i), y));
+    low = hn::Min(low, along);
+    high = hn::Max(high, along);
+  }
+  return hn::GetLane(hn::MaxOfLanes(d, high)) - hn::GetLane(hn::MinOfLanes(d, low));
+}
+
 void HullExtents(const float* vx, const float* vy, size_t count, const float n1[2], const float n2[2],
                  float extents[2]) {
+  extents[0] = HullExtent(vx, vy, count, n1[0], n1[1]);
+  extents[1] = HullExtent(vx, vy, count, n2[0], n2[1]);
+}
+
+void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const float* vx, const float* vy,
+                      size_t hull_count, const float directions[kCoarseDirections][2], float width, float height,
+                      float costs[kCoarseDirections][kCoarseDirections]) {
   const Lanes d;
-  const auto n1x = hn::Set(d, n1[0]);
-  const auto n1y = hn::Set(d, n1[1]);
-  const auto n2x = hn::Set(d, n2[0]);
-  const auto n2y = hn::Set(d, n2[1]);
-  auto low1 = hn::Set(d, 1e30f);
-  auto low2 = low1;
-  auto high1 = hn::Set(d, -1e30f);
-  auto high2 = high1;
-  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
-    const auto x = hn::LoadU(d, vx + i);
-    const auto y = hn::LoadU(d, vy + i);
-    const auto along1 = hn::Add(hn::Mul(x, n1x), hn::Mul(y, n1y));
-    const auto along2 = hn::Add(hn::Mul(x, n2x), hn::Mul(y, n2y));
-    low1 = hn::Min(low1, along1);
-    high1 = hn::Max(high1, along1);
-    low2 = hn::Min(low2, along2);
-    high2 = hn::Max(high2, along2);
+  float along[kCoarseDirections][kMostGathered];
+  float extents[kCoarseDirections];
+  for (size_t k = 0; k < kCoarseDirections; ++k) {
+    const float* direction = directions[k];
+    extents[k] = HullExtent(vx, vy, hull_count, -direction[1], direction[0]);
+    for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+      hn::StoreU(Along(gx, gy, i, direction), d, along[k] + i);
+    }
   }
-  extents[0] = hn::GetLane(hn::MaxOfLanes(d, high1)) - hn::GetLane(hn::MinOfLanes(d, low1));
-  extents[1] = hn::GetLane(hn::MaxOfLanes(d, high2)) - hn::GetLane(hn::MinOfLanes(d, low2));
+  const auto cost = [&](size_t i, size_t j) {
+    const float sine = std::abs(directions[i][0] * directions[j][1] - directions[i][1] * directions[j][0]);
+    const auto step1 = hn::Set(d, extents[j] / (sine * width));
+    const auto step2 = hn::Set(d, extents[i] / (sine * height));
+    auto sum = hn::Zero(d);
+    for (size_t k = 0; k < count; k += hn::Lanes(d)) {
+      sum = hn::Add(sum, ExpectedWidth(hn::Mul(hn::LoadU(d, along[i] + k), step1),
+                                       hn::Mul(hn::LoadU(d, along[j] + k), step2)));
+    }
+    return hn::GetLane(hn::SumOfLanes(d, sum));
+  };
+  for (size_t i = 0; i < kCoarseDirections; ++i) {
+    for (size_t j = i + 1; j < kCoarseDirections; ++j) {
+      costs[i][j] = cost(i, j);
+      costs[j][i] = width == height ? costs[i][j] : cost(j, i);
+    }
+  }
 }
 
 }  // namespace shadowfit::HWY_NAMESPACE
@@ -93,6 +125,7 @@ namespace shadowfit {
 
 HWY_EXPORT(EdgeCovectors);
 HWY_EXPORT(EdgeCost);
+HWY_EXPORT(EdgeCostsOfPairs);
 HWY_EXPORT(HullExtents);
 
 void EdgeCovectors(const float* x, const float* y, const float* e1, const float* e2, const float* e3,
@@ -101,6 +134,12 @@ void EdgeCovectors(const float* x, const float* y, const float* e1, const float*
 }
 float EdgeCost(const float* gx, const float* gy, size_t count, const float b1[2], const float b2[2]) {
   return HWY_DYNAMIC_DISPATCH(EdgeCost)(gx, gy, count, b1, b2);
+}
+void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const float* vx, const float* vy,
+                      size_t hull_count, const float directions[kCoarseDirections][2], float width, float height,
+                      float costs[kCoarseDirections][kCoarseDirections]) {
+  HWY_DYNAMIC_DISPATCH(EdgeCostsOfPairs)
+  (gx, gy, count, vx, vy, hull_count, directions, width, height, costs);
 }
 void HullExtents(const float* vx, const float* vy, size_t count, const float n1[2], const float n2[2],
                  float extents[2]) {

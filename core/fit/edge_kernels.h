@@ -5,7 +5,7 @@
 
 namespace shadowfit {
 
-// The three inner loops of EdgeFit, vectorised with run-time dispatch (Highway) at eight lanes: sums come out
+// The inner loops of EdgeFit, vectorised with run-time dispatch (Highway) at eight lanes: sums come out
 // the same on every machine with AVX2 or better.
 
 /// Arrays that the kernels read are padded to a multiple of this.
@@ -21,6 +21,17 @@ void EdgeCovectors(const float* x, const float* y, const float* e1, const float*
 /// Sum of s/4 + t^2 / (12 s), s >= t the sorted |g . b1|, |g . b2|, over `count` covectors (a multiple of
 /// kEdgeLanes; padding is zero).
 float EdgeCost(const float* gx, const float* gy, size_t count, const float b1[2], const float b2[2]);
+
+/// Directions of which EdgeCostsOfPairs takes all pairs.
+inline constexpr size_t kCoarseDirections = 8;
+
+/// costs[i][j], i != j: the sum of EdgeCost for parallelograms whose sides run along unit directions i (along
+/// map x) and j and enclose the hull, on a map of `width` x `height` texels. Each direction is projected on
+/// once, for all pairs. Arrays as for EdgeCost (at most kMostGathered covectors) and HullExtents.
+inline constexpr size_t kMostGathered = 64;
+void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const float* vx, const float* vy,
+                      size_t hull_count, const float directions[kCoarseDirections][2], float width, float height,
+                      float costs[kCoarseDirections][kCoarseDirections]);
 
 /// Greatest minus least n . v over `count` points (a multiple of kEdgeLanes; padding repeats a point) for two
 /// directions.

@@ -1,15 +1,56 @@
 #include "core/fit/frobenius_moments.h"
 
-#include <cmath>
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/fit/frobenius_moments.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
+#include "core/fit/boundary_lanes-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::HWY_NAMESPACE {
+
+/// Adds the samples' products to `moments`.
+void AddMoments(const BoundarySamples& samples, const glm::dmat3& normalized_from_ray, double moments[6][6]) {
+  const BoundaryLanes d;
+  std::array<std::array<Doubles, 6>, 6> sums;
+  for (auto& row : sums) row.fill(hn::Zero(d));
+  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+    const Doubles3 p = Times(normalized_from_ray, load(samples.r));
+    const Doubles3 dp1 = Times(normalized_from_ray, load(samples.dr1));
+    const Doubles3 e1 = Cross(p, Times(normalized_from_ray, load(samples.dr2)));
+    const Doubles3 e2 = Cross(dp1, p);
+    const Doubles det = Dot(dp1, e1);  // -D.
+    const Doubles scale = hn::Div(hn::Set(d, 1.0), hn::Mul(det, det));
+    const auto usable = hn::IsFinite(scale);
+    const Doubles rays[6] = {hn::Mul(p.x, p.x), hn::Mul(p.y, p.y), hn::Mul(p.z, p.z),
+                             hn::Mul(p.x, p.y), hn::Mul(p.x, p.z), hn::Mul(p.y, p.z)};
+    const auto covector = [&](Doubles a1, Doubles b1, Doubles a2, Doubles b2) {
+      return hn::IfThenElseZero(usable, hn::Mul(hn::Add(hn::Mul(a1, b1), hn::Mul(a2, b2)), scale));
+    };
+    const Doubles covectors[6] = {covector(e1.x, e1.x, e2.x, e2.x), covector(e1.y, e1.y, e2.y, e2.y),
+                                  covector(e1.z, e1.z, e2.z, e2.z), covector(e1.x, e1.y, e2.x, e2.y),
+                                  covector(e1.x, e1.z, e2.x, e2.z), covector(e1.y, e1.z, e2.y, e2.z)};
+    for (size_t k = 0; k < 6; ++k) {
+      const Doubles ray = hn::IfThenElseZero(usable, rays[k]);
+      for (size_t l = 0; l < 6; ++l) sums[k][l] = hn::Add(sums[k][l], hn::Mul(ray, covectors[l]));
+    }
+  });
+  for (size_t k = 0; k < 6; ++k) {
+    for (size_t l = 0; l < 6; ++l) moments[k][l] += hn::GetLane(hn::SumOfLanes(d, sums[k][l]));
+  }
+}
+
+}  // namespace shadowfit::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace shadowfit {
 namespace {
 
-using Products = std::array<double, 6>;
+HWY_EXPORT(AddMoments);
 
-Products ProductsOf(const glm::dvec3& v) {
-  return {v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z};
-}
+using Products = std::array<double, 6>;
 
 /// v^T M v as a product with M's six different entries.
 Products Quadratic(const glm::dvec3& v) {
@@ -22,20 +63,8 @@ glm::dmat3 Symmetric(const Products& m) {
 
 }  // namespace
 
-void FrobeniusMoments::Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2) {
-  const glm::dvec3 e1 = glm::cross(ray, ray_dx2);
-  const glm::dvec3 e2 = glm::cross(ray_dx1, ray);
-  const double det = glm::dot(ray_dx1, -e1);
-  const double scale = 1.0 / (det * det);
-  if (!std::isfinite(scale)) return;
-  const Products of_ray = ProductsOf(ray);
-  const Products of_e1 = ProductsOf(e1);
-  const Products of_e2 = ProductsOf(e2);
-  Products covectors;
-  for (size_t l = 0; l < 6; ++l) covectors[l] = (of_e1[l] + of_e2[l]) * scale;
-  for (size_t k = 0; k < 6; ++k) {
-    for (size_t l = 0; l < 6; ++l) moments_[k][l] += of_ray[k] * covectors[l];
-  }
+FrobeniusMoments::FrobeniusMoments(const BoundarySamples& samples, const glm::dmat3& normalized_from_ray) {
+  HWY_DYNAMIC_DISPATCH(AddMoments)(samples, normalized_from_ray, moments_);
 }
 
 glm::dmat3 FrobeniusMoments::WeightedCovectors(const glm::dvec3& a) const {
@@ -82,3 +111,4 @@ glm::dvec3 FrobeniusMoments::AxisGradient(const glm::dmat3& texel_from_ray) cons
 }
 
 }  // namespace shadowfit
+#endif

@@ -24,8 +24,10 @@ namespace shadowfit {
 /// and Q is linear in the 6 products of h3's components: 6 x 6 moments sum (p_i p_j)(E_kl) hold everything.
 class FrobeniusMoments {
  public:
-  /// Adds a sample; one whose Jacobian is singular for every matrix (D = 0) is left out.
-  void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2);
+  FrobeniusMoments() = default;
+  /// Of the samples in the coordinates p = `normalized_from_ray` r. Those whose Jacobian is singular for every
+  /// matrix (D = 0) are left out.
+  FrobeniusMoments(const BoundarySamples& samples, const glm::dmat3& normalized_from_ray);
 
   /// h at a matrix that sees all samples (h3 . p > 0); those behind it would count as if they were in front.
   double Value(const glm::dmat3& texel_from_ray) const;
@@ -40,7 +42,7 @@ class FrobeniusMoments {
   glm::dmat3 WeightedRays(const glm::dvec3& c) const;
 
   /// [products of p][products of e], each in the order xx, yy, zz, xy, xz, yz.
-  std::array<std::array<double, 6>, 6> moments_{};
+  double moments_[6][6] = {};
 };
 
 }  // namespace shadowfit

@@ -3,8 +3,89 @@
 #include <algorithm>
 #include <cmath>
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/fit/metric.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "core/fit/boundary_lanes-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::HWY_NAMESPACE {
+
+/// Some samples' w = h3.r and K = w^2 J, J being the Jacobian du_i/dx_j (see TexelJacobian):
+/// K_ij = w h_i.dr_j - h_i.r h_3.dr_j.
+struct ScaledJacobians {
+  Doubles w;
+  Doubles k11, k21;  ///< Along screen x.
+  Doubles k12, k22;  ///< Along screen y.
+  Doubles det;       ///< Of K.
+  hn::Mask<BoundaryLanes> usable;
+};
+
+template <class Load>
+ScaledJacobians JacobiansOf(const Load& load, const BoundarySamples& samples, const glm::dmat3& h) {
+  const Doubles3 p = Times(h, load(samples.r));
+  const Doubles3 d1 = Times(h, load(samples.dr1));
+  const Doubles3 d2 = Times(h, load(samples.dr2));
+  ScaledJacobians k;
+  k.w = p.z;
+  k.k11 = hn::Sub(hn::Mul(d1.x, p.z), hn::Mul(p.x, d1.z));
+  k.k21 = hn::Sub(hn::Mul(d1.y, p.z), hn::Mul(p.y, d1.z));
+  k.k12 = hn::Sub(hn::Mul(d2.x, p.z), hn::Mul(p.x, d2.z));
+  k.k22 = hn::Sub(hn::Mul(d2.y, p.z), hn::Mul(p.y, d2.z));
+  k.det = hn::Sub(hn::Mul(k.k11, k.k22), hn::Mul(k.k12, k.k21));
+  const auto zero = hn::Zero(BoundaryLanes());
+  k.usable = hn::And(hn::Gt(k.w, zero), hn::Gt(hn::Abs(k.det), zero));
+  return k;
+}
+
+double FrobeniusSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
+  const BoundaryLanes d;
+  auto sum = hn::Zero(d);
+  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+    const ScaledJacobians k = JacobiansOf(load, samples, texel_from_ray);
+    const auto squares = hn::Add(hn::Add(hn::Mul(k.k11, k.k11), hn::Mul(k.k21, k.k21)),
+                                 hn::Add(hn::Mul(k.k12, k.k12), hn::Mul(k.k22, k.k22)));
+    // (sum J^2) / det(J)^2 with J = K / w^2.
+    const auto scale = hn::Div(hn::Mul(k.w, k.w), k.det);
+    sum = hn::Add(sum, hn::IfThenElseZero(k.usable, hn::Mul(squares, hn::Mul(scale, scale))));
+  });
+  return hn::GetLane(hn::SumOfLanes(d, sum));
+}
+
+double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray, double most_per_sample) {
+  const BoundaryLanes d;
+  const auto most = hn::Set(d, most_per_sample);
+  auto sum = hn::Zero(d);
+  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+    const ScaledJacobians k = JacobiansOf(load, samples, texel_from_ray);
+    const auto n1 = load(samples.n1);
+    const auto n2 = load(samples.n2);
+    // n^T J^-1 = n^T adj(K) w^2 / det(K).
+    const auto along1 = hn::Abs(hn::Sub(hn::Mul(n1, k.k22), hn::Mul(n2, k.k21)));
+    const auto along2 = hn::Abs(hn::Sub(hn::Mul(n2, k.k11), hn::Mul(n1, k.k12)));
+    const auto s = hn::Max(along1, along2);
+    const auto t = hn::Min(along1, along2);
+    const auto width = hn::Add(hn::Mul(hn::Set(d, 0.25), s),
+                               hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
+    const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
+    const auto pixels = hn::Mul(hn::Mul(load(samples.length), width), scale);
+    const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
+    sum = hn::Add(sum, hn::IfThenElseZero(usable, hn::Min(pixels, most)));
+  });
+  return hn::GetLane(hn::SumOfLanes(d, sum));
+}
+
+}  // namespace shadowfit::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace shadowfit {
 namespace {
+
+HWY_EXPORT(FrobeniusSum);
+HWY_EXPORT(EdgeSum);
 
 /// ||J^-1||_F^2, or a negative number where the Jacobian is singular or the sample is behind the light's axis
 /// plane.
@@ -31,12 +112,7 @@ glm::dmat2 TexelJacobian(const glm::dmat3& texel_from_ray, const glm::dvec3& r, 
 }
 
 double FrobeniusMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
-  double sum = 0.0;
-  for (size_t i = 0; i < samples.size(); ++i) {
-    const double badness = InverseNormSquared(samples, i, texel_from_ray);
-    if (badness >= 0.0) sum += badness;
-  }
-  return sum;
+  return HWY_DYNAMIC_DISPATCH(FrobeniusSum)(samples, texel_from_ray);
 }
 
 double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
@@ -72,10 +148,9 @@ double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::d
   return samples.length[i] * (0.25 * s + t * t / (12.0 * s)) * (h_r.z * h_r.z / std::abs(det));
 }
 
-double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
-  double sum = 0.0;
-  for (size_t i = 0; i < samples.size(); ++i) sum += EdgeMetricOfSample(samples, i, texel_from_ray);
-  return sum;
+double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray, double most_per_sample) {
+  return HWY_DYNAMIC_DISPATCH(EdgeSum)(samples, texel_from_ray, most_per_sample);
 }
 
 }  // namespace shadowfit
+#endif

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <glm/glm.hpp>
+#include <limits>
 #include <vector>
 
 #include "core/frame/light_samples.h"
@@ -35,10 +36,12 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 ///   E|S + T| = s/4 + t^2 / (12 s).
 ///
 /// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  Summed over samples, each times its
-/// length of edge. Samples with h3.r <= 0 are left out.
-double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
+/// length of edge and no more than `most_per_sample`. Samples with h3.r <= 0 or a singular Jacobian are left
+/// out.
+double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
+                  double most_per_sample = std::numeric_limits<double>::infinity());
 
-/// One sample's part of it; 0 where it is left out.
+/// One sample's part of it, however large; 0 where it is left out.
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
 
 }  // namespace shadowfit

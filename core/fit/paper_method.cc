@@ -19,13 +19,8 @@ class AxisDescent {
  public:
   AxisDescent(const LightProblem& problem, const PaperOptions& options, RayHull hull)
       : options_(options), map_size_(problem.map_size), hull_(std::move(hull)) {
-    const BoundarySamples& samples = problem.samples->boundary;
-    const glm::dmat3& n = hull_.normalized_from_ray;
-    for (size_t i = 0; i < samples.size(); ++i) {
-      const glm::dvec3 ray = n * samples.Ray(i);
-      if (!hull_.Keeps(ray)) continue;
-      moments_.Add(ray, n * samples.RayDx1(i), n * samples.RayDx2(i));
-    }
+    const BoundarySamples& all = problem.samples->boundary;
+    moments_ = FrobeniusMoments(hull_.complete ? all : Kept(all), hull_.normalized_from_ray);
     polygon_.resize(hull_.vertices.size());
   }
 
@@ -81,6 +76,16 @@ class AxisDescent {
   static constexpr double kSmallestCosine = 1e-4;
 
  private:
+  /// The samples that a reduced hull keeps.
+  BoundarySamples Kept(const BoundarySamples& all) const {
+    BoundarySamples kept;
+    for (size_t i = 0; i < all.size(); ++i) {
+      if (!hull_.Keeps(hull_.normalized_from_ray * all.Ray(i))) continue;
+      kept.Add(all.Ray(i), all.RayDx1(i), all.RayDx2(i), all.q[i], {all.n1[i], all.n2[i]}, all.length[i]);
+    }
+    return kept;
+  }
+
   static glm::dvec3 Rotate(const glm::dvec3& axis, const glm::dvec3& about, double angle) {
     // `about` is perpendicular to `axis`.
     return glm::normalize(std::cos(angle) * axis + std::sin(angle) * glm::cross(about, axis));

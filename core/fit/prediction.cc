@@ -1,32 +1,38 @@
 #include "core/fit/prediction.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "core/fit/metric.h"
 
 namespace shadowfit {
 namespace {
 
-/// The expected misclassified pixels of one sample under the first map that holds it; none where no map does.
-double OfSample(const BoundarySamples& samples, size_t i, std::span<const ShadowProjection> projections) {
-  if (projections.size() == 1) return EdgeMetricOfSample(samples, i, projections[0].texel_from_ray);
-  for (const ShadowProjection& projection : projections) {
-    if (projection.Holds(samples.Ray(i))) return EdgeMetricOfSample(samples, i, projection.texel_from_ray);
+/// The expected misclassified pixels of samples, each under the first map that holds it; none where no map
+/// does.
+double OfSamples(const BoundarySamples& samples, std::span<const ShadowProjection> projections,
+                 double most_per_sample) {
+  if (projections.size() == 1) {
+    return EdgeMetric(samples, projections[0].texel_from_ray, most_per_sample);
   }
-  return 0.0;
+  double sum = 0.0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    for (const ShadowProjection& projection : projections) {
+      if (!projection.Holds(samples.Ray(i))) continue;
+      sum += std::min(EdgeMetricOfSample(samples, i, projection.texel_from_ray), most_per_sample);
+      break;
+    }
+  }
+  return sum;
 }
 
 }  // namespace
 
 double PredictMisclassifiedPixels(const LightSamples& samples,
                                   std::span<const ShadowProjection> projections) {
-  double reliable = 0.0;
-  for (size_t i = 0; i < samples.boundary.size(); ++i) reliable += OfSample(samples.boundary, i, projections);
-  const double most = samples.pixels_per_sample / 3.0;
-  double rough = 0.0;
-  for (size_t i = 0; i < samples.rough_boundary.size(); ++i) {
-    rough += std::min(OfSample(samples.rough_boundary, i, projections), most);
-  }
+  const double reliable =
+      OfSamples(samples.boundary, projections, std::numeric_limits<double>::infinity());
+  const double rough = OfSamples(samples.rough_boundary, projections, samples.pixels_per_sample / 3.0);
   return kUnsampled * (reliable + 0.5 * rough);
 }
 

@@ -56,11 +56,11 @@ struct Candidate {
 bool ByCost(const Candidate& a, const Candidate& b) { return a.result.cost < b.result.cost; }
 
 /// Nelder and Mead's simplex in the plane, from one candidate on, with the affine search warm-started from
-/// the best vertex.
-Candidate Descend(EdgeFit& fit, const AxisChart& chart, const Candidate& start, double size,
+/// the best vertex and as fine as `steps` (EdgeFit).
+Candidate Descend(EdgeFit& fit, int steps, const AxisChart& chart, const Candidate& start, double size,
                   int most_evaluations, double tolerance) {
   const auto evaluate = [&](const glm::dvec2& y, const AffineShape& shape) {
-    return Candidate{y, fit.EvaluateNear(chart.AxisAt(y), shape)};
+    return Candidate{y, fit.EvaluateNear(chart.AxisAt(y), shape, steps)};
   };
   std::array<Candidate, 3> simplex = {start, evaluate(start.y + glm::dvec2(size, 0.0), start.result.shape),
                                       evaluate(start.y + glm::dvec2(0.0, size), start.result.shape)};
@@ -111,12 +111,12 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
 
   // A ring search over the chart, then descents from the best of it.
   std::vector<Candidate> starts;
-  starts.push_back({glm::dvec2(0.0), search.Evaluate(glm::dvec2(0.0))});
+  starts.push_back({glm::dvec2(0.0), search.Evaluate(glm::dvec2(0.0), EdgeFit::kCoarse)});
   for (const double radius : {1.0, 2.2}) {
     for (int k = 0; k < options.search_directions; ++k) {
       const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / options.search_directions;
       const glm::dvec2 y = radius * glm::dvec2(std::cos(angle), std::sin(angle));
-      starts.push_back({y, search.Evaluate(chart.AxisAt(y))});
+      starts.push_back({y, search.Evaluate(chart.AxisAt(y), EdgeFit::kCoarse)});
     }
   }
   if (problem.previous != nullptr) {
@@ -125,7 +125,7 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
         glm::transpose(glm::inverse(samples.whitened_from_ray)) * problem.previous->Axis();
     if (axis.z > 0.0) {
       const glm::dvec2 y = chart.ChartOf(glm::dvec2(axis) / axis.z);
-      starts.push_back({y, search.Evaluate(chart.AxisAt(y))});
+      starts.push_back({y, search.Evaluate(chart.AxisAt(y), EdgeFit::kCoarse)});
     }
   }
   std::sort(starts.begin(), starts.end(), ByCost);
@@ -133,12 +133,12 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   Candidate best;
   const size_t descents = std::min(starts.size(), static_cast<size_t>(options.descents));
   for (size_t i = 0; i < descents; ++i) {
-    Candidate found = Descend(search, chart, starts[i], 0.5, options.evaluations_per_descent, 2e-3);
+    Candidate found = Descend(search, EdgeFit::kMedium, chart, starts[i], 0.5, options.evaluations_per_descent, 2e-3);
     found.result = final_fit.EvaluateNear(chart.AxisAt(found.y), found.result.shape);
     if (i == 0 || found.result.cost < best.result.cost) best = found;
   }
   if (options.evaluations_to_polish > 0) {
-    best = Descend(final_fit, chart, best, 0.1, options.evaluations_to_polish, 5e-4);
+    best = Descend(final_fit, EdgeFit::kFine, chart, best, 0.1, options.evaluations_to_polish, 5e-4);
   }
 
   SingleMapFit fit;

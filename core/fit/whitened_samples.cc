@@ -1,12 +1,75 @@
 #include "core/fit/whitened_samples.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "core/fit/edge_kernels.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/fit/whitened_samples.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "core/fit/boundary_lanes-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::HWY_NAMESPACE {
+
+/// Appends samples from element `first` on, where the arrays have room for as many and a vector more. Those
+/// whose covector at the axis (0, 0, 1) is longer than `most_length` are shortened to it; all are weighted.
+/// Returns one past the last element.
+size_t AddSamples(const BoundarySamples& samples, double weight, double most_length, size_t first,
+                  WhitenedSamples* whitened) {
+  const BoundaryLanes d;
+  const hn::Rebind<float, BoundaryLanes> df;
+  const glm::dmat3& t = whitened->whitened_from_ray;
+  size_t next = first;
+  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+    const Doubles3 p = Times(t, load(samples.r));
+    const Doubles3 dp1 = Times(t, load(samples.dr1));
+    const Doubles3 dp2 = Times(t, load(samples.dr2));
+    const Doubles n1 = load(samples.n1);
+    const Doubles n2 = load(samples.n2);
+    const auto across = [&](Doubles along1, Doubles along2) {
+      return hn::Sub(hn::Mul(n1, along2), hn::Mul(n2, along1));
+    };
+    const Doubles3 edge = Cross(p, {across(dp1.x, dp2.x), across(dp1.y, dp2.y), across(dp1.z, dp2.z)});
+    const Doubles scale = hn::Div(hn::Mul(load(samples.length), p.z), Dot(p, Cross(dp1, dp2)));
+    // The covector at the axis (0, 0, 1) is (E1, E2).
+    const Doubles length = hn::Mul(
+        hn::Abs(scale), hn::Sqrt(hn::Add(hn::Mul(edge.x, edge.x), hn::Mul(edge.y, edge.y))));
+    const auto most = hn::Set(d, most_length);
+    const Doubles counted = hn::Mul(
+        hn::Mul(scale, hn::Set(d, weight)),
+        hn::IfThenElse(hn::Gt(length, most), hn::Div(most, length), hn::Set(d, 1.0)));
+    const Doubles3 e{hn::Mul(edge.x, counted), hn::Mul(edge.y, counted), hn::Mul(edge.z, counted)};
+    const auto usable =
+        hn::And(hn::Gt(p.z, hn::Zero(d)),
+                hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
+    const auto store = [&](Doubles v, std::vector<float>* to) {
+      hn::StoreU(hn::DemoteTo(df, hn::Compress(v, usable)), df, to->data() + next);
+    };
+    store(hn::Div(p.x, p.z), &whitened->x);
+    store(hn::Div(p.y, p.z), &whitened->y);
+    store(e.x, &whitened->e1);
+    store(e.y, &whitened->e2);
+    store(e.z, &whitened->e3);
+    next += hn::CountTrue(d, usable);
+  });
+  return next;
+}
+
+}  // namespace shadowfit::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace shadowfit {
 namespace {
+
+HWY_EXPORT(AddSamples);
+
+constexpr size_t kMostDoubles = 8;  // Lanes of a vector.
 
 /// Area, centroid and central second moments of a polygon; of its vertices where it has no area.
 struct Moments {
@@ -70,35 +133,12 @@ glm::dmat2 InverseSquareRoot(const Moments& m) {
          glm::outerProduct(minor, minor) / std::sqrt(small);
 }
 
-/// `most_pixels`: expected misclassified pixels above which a sample counts no more. They are estimated at
-/// the axis (0, 0, 1), where the hull is about as wide as a square of unit second moments, sqrt(12), and a
-/// texel `texel` of that; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's length.
-void AddSamples(const BoundarySamples& samples, double weight, double texel, double most_pixels,
-                WhitenedSamples* whitened) {
-  const glm::dmat3& t = whitened->whitened_from_ray;
-  const double most_length = most_pixels / (0.29 * std::sqrt(12.0) * texel);
-  for (size_t i = 0; i < samples.size(); ++i) {
-    const glm::dvec3 p = t * samples.Ray(i);
-    if (!(p.z > 0.0)) continue;
-    const glm::dvec3 dp1 = t * samples.RayDx1(i);
-    const glm::dvec3 dp2 = t * samples.RayDx2(i);
-    const double det = glm::dot(p, glm::cross(dp1, dp2));
-    const glm::dvec3 edge = glm::cross(p, -samples.n2[i] * dp1 + samples.n1[i] * dp2);
-    const glm::dvec3 full = edge * (samples.length[i] * p.z / det);
-    // The covector at the axis (0, 0, 1) is (E1, E2).
-    const double length = std::sqrt(full.x * full.x + full.y * full.y);
-    const glm::dvec3 e = full * (length > most_length ? weight * most_length / length : weight);
-    if (!std::isfinite(e.x) || !std::isfinite(e.y) || !std::isfinite(e.z)) continue;
-    whitened->x.push_back(static_cast<float>(p.x / p.z));
-    whitened->y.push_back(static_cast<float>(p.y / p.z));
-    whitened->e1.push_back(static_cast<float>(e.x));
-    whitened->e2.push_back(static_cast<float>(e.y));
-    whitened->e3.push_back(static_cast<float>(e.z));
-  }
+std::array<std::vector<float>*, 5> Arrays(WhitenedSamples* samples) {
+  return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3};
 }
 
 void PadToLanes(WhitenedSamples* samples) {
-  for (std::vector<float>* lane : {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3}) {
+  for (std::vector<float>* lane : Arrays(samples)) {
     lane->resize((lane->size() + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes, 0.0f);
   }
 }
@@ -123,13 +163,18 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double 
   for (const glm::dvec2& v : polygon) whitened.hull.push_back(scale * (v - moments.mean));
 
   const size_t count = problem.samples->boundary.size() + problem.samples->rough_boundary.size();
-  for (std::vector<float>* lane : {&whitened.x, &whitened.y, &whitened.e1, &whitened.e2, &whitened.e3}) {
-    lane->reserve(count + kEdgeLanes);
-  }
-  const double texel = 1.0 / std::sqrt(problem.map_size.texels());
+  for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(count + kMostDoubles);
+  // Expected misclassified pixels above which a sample counts no more. They are estimated at the axis (0, 0,
+  // 1), where the hull is about as wide as a square of unit second moments, sqrt(12), and a texel `texel` of
+  // that; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's length.
   const double most_pixels = problem.samples->pixels_per_sample / 3.0;
-  AddSamples(problem.samples->boundary, 1.0, texel, most_pixels, &whitened);
-  AddSamples(problem.samples->rough_boundary, rough_weight, texel, most_pixels, &whitened);
+  const double texel = 1.0 / std::sqrt(problem.map_size.texels());
+  const double most_length = most_pixels / (0.29 * std::sqrt(12.0) * texel);
+  const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
+  const size_t reliable = add(problem.samples->boundary, 1.0, most_length, 0, &whitened);
+  const size_t all =
+      add(problem.samples->rough_boundary, rough_weight, most_length, reliable, &whitened);
+  for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(all);
   PadToLanes(&whitened);
   return whitened;
 }
@@ -153,3 +198,4 @@ WhitenedSamples Thin(const WhitenedSamples& samples, int most) {
 }
 
 }  // namespace shadowfit
+#endif

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/frame/pixel_scan.h"
+#include "core/frame/pixel_surfaces.h"
 
 namespace shadowfit {
 namespace {
@@ -25,16 +26,20 @@ constexpr double kGrazingCosine = 0.02;
 // Pixels to stand in for a shadow boundary where there is none; more would add time and no information.
 constexpr size_t kMostFallbackSamples = 2048;
 
-/// A pixel's surface in world space; derivatives are per low-resolution pixel.
-struct Surface {
-  glm::dvec3 ws_position;
-  glm::dvec3 ws_dx1;
-  glm::dvec3 ws_dx2;
-  glm::dvec3 ws_normal;  ///< Towards the viewer, unit length.
-  bool reliable;         ///< Whether the derivatives follow the surface; else unknown ones face the viewer.
-};
-
 enum class Facing : uint8_t { kUnknown, kAway, kGrazing, kTowards };
+
+Facing FacingOf(double cosine, bool reliable) {
+  if (cosine == kUnlit) return Facing::kAway;
+  if (!reliable) return Facing::kUnknown;
+  return cosine > kGrazingCosine ? Facing::kTowards : cosine > 0.0 ? Facing::kGrazing : Facing::kAway;
+}
+
+/// A boundary sample to be: which hull sample it lies at, and its edge.
+struct EdgeAtHull {
+  size_t hull;
+  glm::dvec2 normal;
+  double length;
+};
 
 /// How a shadow edge runs through a pixel, on the final screen.
 struct EdgeDirection {
@@ -99,11 +104,17 @@ struct FrameSampler::Workspace {
   std::vector<uint32_t>
       active_rim;  ///< Lights whose shadow reaches the screen border or a discontinuity here.
   std::vector<uint8_t> active_continuous;  ///< Bit k: the surface goes on to neighbour k.
-  std::vector<Surface> surfaces;
+  PixelDepths active_depths;
+  PixelSurfaces surfaces;
 
-  // Per light and active pixel.
-  std::vector<Facing> facing;
-  std::vector<double> cosine;
+  // Per light.
+  PixelList concerned;                  ///< Active pixels that the light asks for.
+  std::vector<double> listed_cosines;   ///< Of these.
+  std::vector<double> cosine;           ///< By active pixel, of those concerned.
+  std::vector<Facing> facing;           ///< Likewise.
+  PixelList hull;                       ///< Active pixels that become hull samples.
+  std::vector<EdgeAtHull> edges;
+  std::vector<EdgeAtHull> rough_edges;
 
   void Begin(const Camera& frame_camera, const DepthView& frame_depth, MapSize screen, FrameExtent* extent);
   /// Steps to the four neighbours in the planes: along x, then along y.
@@ -128,14 +139,13 @@ struct FrameSampler::Workspace {
   void UnprojectActive();
   /// Derivative of NDC depth along an axis; false where neither side can be trusted.
   bool DepthDerivative(int x, int y, int dx, int dy, double* derivative) const;
-  Surface Unproject(std::ptrdiff_t i) const;
-  void JudgeFacing(const RaySpace& ray_space, size_t active);
+  /// Fills cosine and facing of the pixels in `concerned`.
+  void JudgeFacing(const RaySpace& ray_space);
   const EdgeDirection& EdgeAt(std::ptrdiff_t i, uint32_t light_bit) const;
   void SampleBoundary(const RaySpace& ray_space, uint32_t light_bit, LightSamples* samples);
   void SampleAllVisible(const RaySpace& ray_space, LightSamples* samples);
-  void AddHull(const RaySpace& ray_space, const Surface& surface, LightSamples* samples) const;
-  void AddBoundary(const RaySpace& ray_space, const Surface& surface, const glm::dvec2& normal, double length,
-                   BoundarySamples* samples) const;
+  /// Makes the samples of `hull`, `edges` and `rough_edges`.
+  void MakeSamples(const RaySpace& ray_space, LightSamples* samples);
 };
 
 void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView& frame_depth, MapSize screen,
@@ -264,61 +274,38 @@ bool FrameSampler::Workspace::DepthDerivative(int x, int y, int dx, int dy, doub
   return true;
 }
 
-Surface FrameSampler::Workspace::Unproject(std::ptrdiff_t i) const {
-  const int y = static_cast<int>(i / planes.stride) - 1;
-  const int x = static_cast<int>(i % planes.stride) - 1;
-  const glm::dmat4& world_from_clip = camera->world_from_clip();
-  const glm::dvec4 point =
-      camera->WsFromNdc({(x + 0.5) * 2.0 / planes.width - 1.0, (y + 0.5) * 2.0 / planes.height - 1.0,
-                         NdcFromWindowDepth(camera->clip_depth(), static_cast<double>(depth.At(x, y)))});
-  Surface surface;
-  const double inverse_w = 1.0 / point.w;
-  surface.ws_position = glm::dvec3(point) * inverse_w;
-  double dz1 = 0.0;
-  double dz2 = 0.0;
-  const bool known1 = DepthDerivative(x, y, 1, 0, &dz1);
-  const bool known2 = DepthDerivative(x, y, 0, 1, &dz2);
-  surface.reliable = known1 && known2;
-  // X = p / p.w, so dX = (dp - X dp.w) / p.w.
-  const auto derivative = [&](const glm::dvec4& dp) {
-    return (glm::dvec3(dp) - surface.ws_position * dp.w) * inverse_w;
-  };
-  surface.ws_dx1 = derivative(world_from_clip[0] * (2.0 / planes.width) + world_from_clip[2] * dz1);
-  surface.ws_dx2 = derivative(world_from_clip[1] * (2.0 / planes.height) + world_from_clip[2] * dz2);
-  const glm::dvec3 normal = glm::cross(surface.ws_dx1, surface.ws_dx2);
-  const double length = glm::length(normal);
-  if (length > 0.0 && std::isfinite(length)) {
-    const glm::dvec3 towards_viewer = camera->TowardsViewer(surface.ws_position);
-    surface.ws_normal = normal * (glm::dot(normal, towards_viewer) < 0.0 ? -1.0 / length : 1.0 / length);
-  } else {
-    surface.reliable = false;
-    surface.ws_normal = glm::dvec3(0.0);
-  }
-  return surface;
-}
-
 void FrameSampler::Workspace::UnprojectActive() {
-  surfaces.clear();
-  surfaces.reserve(active_pixels.size());
-  for (const int32_t i : active_pixels) surfaces.push_back(Unproject(i));
-  facing.resize(surfaces.size());
+  active_depths.Clear();
+  active_depths.Reserve(active_pixels.size());
+  const auto stride = static_cast<uint32_t>(planes.stride);
+  for (const int32_t i : active_pixels) {
+    const auto index = static_cast<uint32_t>(i);
+    const int y = static_cast<int>(index / stride) - 1;
+    const int x = static_cast<int>(index % stride) - 1;
+    active_depths.ndc[0].push_back((x + 0.5) * 2.0 / planes.width - 1.0);
+    active_depths.ndc[1].push_back((y + 0.5) * 2.0 / planes.height - 1.0);
+    active_depths.ndc[2].push_back(
+        NdcFromWindowDepth(camera->clip_depth(), static_cast<double>(depth.At(x, y))));
+    double dz1 = 0.0;
+    double dz2 = 0.0;
+    const bool known1 = DepthDerivative(x, y, 1, 0, &dz1);
+    const bool known2 = DepthDerivative(x, y, 0, 1, &dz2);
+    active_depths.dz1.push_back(dz1);
+    active_depths.dz2.push_back(dz2);
+    active_depths.reliable.push_back(known1 && known2 ? 1 : 0);
+  }
+  UnprojectPixels(*camera, planes.width, planes.height, active_depths, &surfaces);
   cosine.resize(surfaces.size());
+  facing.resize(surfaces.size());
 }
 
-void FrameSampler::Workspace::JudgeFacing(const RaySpace& ray_space, size_t active) {
-  const Surface& surface = surfaces[active];
-  cosine[active] = 0.0;
-  if (!ray_space.Illuminates(surface.ws_position)) {
-    facing[active] = Facing::kAway;
-  } else if (!surface.reliable) {
-    facing[active] = Facing::kUnknown;
-  } else {
-    const glm::dvec3 to_light = ray_space.TowardsLight(surface.ws_position);
-    const double value = glm::dot(surface.ws_normal, to_light) / glm::length(to_light);
-    cosine[active] = value;
-    facing[active] = value > kGrazingCosine ? Facing::kTowards
-                     : value > 0.0          ? Facing::kGrazing
-                                            : Facing::kAway;
+void FrameSampler::Workspace::JudgeFacing(const RaySpace& ray_space) {
+  concerned.Pad();
+  LightCosines(surfaces, concerned, ray_space, &listed_cosines);
+  for (size_t k = 0; k < concerned.size(); ++k) {
+    const size_t active = concerned[k];
+    cosine[active] = listed_cosines[k];
+    facing[active] = FacingOf(listed_cosines[k], surfaces.reliable[active] != 0);
   }
 }
 
@@ -336,40 +323,44 @@ const EdgeDirection& FrameSampler::Workspace::EdgeAt(std::ptrdiff_t i, uint32_t 
   return edge_directions[pattern];
 }
 
-void FrameSampler::Workspace::AddHull(const RaySpace& ray_space, const Surface& surface,
-                                      LightSamples* samples) const {
-  samples->hull_rays.push_back(ray_space.RayFromPoint(surface.ws_position));
-  samples->hull_along_ray.push_back(ray_space.AlongRay(surface.ws_position));
-  samples->hull_rays_dx1.push_back(ray_space.RayFromVector(surface.ws_dx1));
-  samples->hull_rays_dx2.push_back(ray_space.RayFromVector(surface.ws_dx2));
-}
-
-void FrameSampler::Workspace::AddBoundary(const RaySpace& ray_space, const Surface& surface,
-                                          const glm::dvec2& normal, double length,
-                                          BoundarySamples* samples) const {
-  samples->Add(ray_space.RayFromPoint(surface.ws_position),
-               ray_space.RayFromVector(surface.ws_dx1) / pixels_per_sample.x,
-               ray_space.RayFromVector(surface.ws_dx2) / pixels_per_sample.y,
-               ray_space.AlongRay(surface.ws_position), normal, length);
+void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightSamples* samples) {
+  hull.Pad();
+  FillHull(surfaces, hull, ray_space, samples);
+  const auto add = [&](const std::vector<EdgeAtHull>& from, BoundarySamples* to) {
+    to->Reserve(from.size());
+    for (const EdgeAtHull& edge : from) {
+      to->Add(samples->hull_rays[edge.hull], samples->hull_rays_dx1[edge.hull] / pixels_per_sample.x,
+              samples->hull_rays_dx2[edge.hull] / pixels_per_sample.y, samples->hull_along_ray[edge.hull],
+              edge.normal, edge.length);
+    }
+  };
+  add(edges, &samples->boundary);
+  add(rough_edges, &samples->rough_boundary);
 }
 
 void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t light_bit,
                                              LightSamples* samples) {
-  const auto concerns = [&](size_t i) { return ((active_differing[i] | active_rim[i]) & light_bit) != 0; };
+  concerned.Clear();
+  hull.Clear();
+  edges.clear();
+  rough_edges.clear();
   for (size_t i = 0; i < active_pixels.size(); ++i) {
-    if (concerns(i)) JudgeFacing(ray_space, i);
+    if (((active_differing[i] | active_rim[i]) & light_bit) != 0) concerned.Add(i);
   }
-  for (size_t i = 0; i < active_pixels.size(); ++i) {
-    if (!concerns(i) || facing[i] == Facing::kAway) continue;
+  JudgeFacing(ray_space);
+  const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
+  for (size_t listed = 0; listed < concerned.size(); ++listed) {
+    const size_t i = concerned[listed];
+    if (facing[i] == Facing::kAway) continue;
     const bool differs = (active_differing[i] & light_bit) != 0;
     if (!differs && facing[i] == Facing::kGrazing) continue;
-    AddHull(ray_space, surfaces[i], samples);
+    const size_t at_hull = hull.size();
+    hull.Add(i);
     if (facing[i] == Facing::kGrazing) continue;
 
     const std::ptrdiff_t pixel = active_pixels[i];
     int crossings = 0;
     int rough_crossings = 0;
-    const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
     for (size_t k = 0; k < neighbours.size(); ++k) {
       const std::ptrdiff_t next = pixel + neighbours[k];
       if (((planes.Bits(next) ^ active_bits[i]) & light_bit) == 0 || !planes.Visible(next)) continue;
@@ -385,27 +376,31 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
     }
     if (crossings + rough_crossings == 0) continue;
     const EdgeDirection& edge = EdgeAt(pixel, light_bit);
-    if (crossings > 0) {
-      AddBoundary(ray_space, surfaces[i], edge.normal, crossings * edge.length_per_crossing,
-                  &samples->boundary);
-    }
+    if (crossings > 0) edges.push_back({at_hull, edge.normal, crossings * edge.length_per_crossing});
     if (rough_crossings > 0) {
-      AddBoundary(ray_space, surfaces[i], edge.normal, rough_crossings * edge.length_per_crossing,
-                  &samples->rough_boundary);
+      rough_edges.push_back({at_hull, edge.normal, rough_crossings * edge.length_per_crossing});
     }
   }
+  MakeSamples(ray_space, samples);
 }
 
 void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightSamples* samples) {
+  concerned.Clear();
+  hull.Clear();
+  edges.clear();
+  rough_edges.clear();
+  for (size_t i = 0; i < active_pixels.size(); ++i) concerned.Add(i);
+  JudgeFacing(ray_space);
   for (size_t i = 0; i < active_pixels.size(); ++i) {
-    JudgeFacing(ray_space, i);
     if (facing[i] == Facing::kAway || facing[i] == Facing::kGrazing) continue;
-    AddHull(ray_space, surfaces[i], samples);
+    const size_t at_hull = hull.size();
+    hull.Add(i);
     if (facing[i] != Facing::kTowards) continue;
     // An edge could run either way.
-    AddBoundary(ray_space, surfaces[i], {1.0, 0.0}, 0.5 * pixels_per_sample.y, &samples->boundary);
-    AddBoundary(ray_space, surfaces[i], {0.0, 1.0}, 0.5 * pixels_per_sample.x, &samples->boundary);
+    edges.push_back({at_hull, {1.0, 0.0}, 0.5 * pixels_per_sample.y});
+    edges.push_back({at_hull, {0.0, 1.0}, 0.5 * pixels_per_sample.x});
   }
+  MakeSamples(ray_space, samples);
 }
 
 FrameSampler::FrameSampler() : workspace_(std::make_unique<Workspace>()) {}

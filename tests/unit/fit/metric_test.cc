@@ -119,9 +119,7 @@ TEST_P(MetricByKind, MomentsAgreeWithTheSumAndItsCentralDifferences) {
   for (int trial = 0; trial < 334; ++trial) {
     const Configuration c = RandomConfiguration(random, GetParam());
     const BoundarySamples samples = c.Samples();
-    FrobeniusMoments moments;
-    for (size_t i = 0; i < samples.size(); ++i)
-      moments.Add(samples.Ray(i), samples.RayDx1(i), samples.RayDx2(i));
+    const FrobeniusMoments moments(samples, glm::dmat3(1.0));
     const double value = FrobeniusMetric(samples, c.texel_from_ray);
     EXPECT_NEAR(moments.Value(c.texel_from_ray), value, 1e-9 * value) << "trial " << trial;
     const glm::dvec3 gradient = moments.AxisGradient(c.texel_from_ray);
@@ -141,6 +139,47 @@ TEST_P(MetricByKind, MomentsAgreeWithTheSumAndItsCentralDifferences) {
 }
 
 INSTANTIATE_TEST_SUITE_P(LightKinds, MetricByKind, ::testing::Values(0, 1, 2));
+
+TEST(Metrics, AddUpWhatTheirDefinitionsGiveForEachSample) {
+  // Any number of samples, so that the last vector of them is only partly filled; some behind the axis plane,
+  // some without area.
+  std::mt19937 random(73);
+  const auto vector = [&random](double size) {
+    return size * glm::dvec3(Uniform(random, -1, 1), Uniform(random, -1, 1), Uniform(random, -1, 1));
+  };
+  for (int count = 0; count < 40; ++count) {
+    const glm::dmat3 texel_from_ray(glm::dvec3(100, 3, 0.1), glm::dvec3(-5, 90, -0.2), glm::dvec3(50, 40, 1));
+    BoundarySamples samples;
+    double frobenius = 0.0;
+    double edge = 0.0;
+    double capped = 0.0;
+    constexpr double kMost = 0.2;
+    for (int i = 0; i < count; ++i) {
+      const glm::dvec3 r = vector(0.5) + glm::dvec3(0, 0, i % 5 == 0 ? -1 : 1);
+      const glm::dvec3 dr1 = vector(0.03);
+      const glm::dvec3 dr2 = i % 7 == 0 ? dr1 : vector(0.03);
+      const double angle = Uniform(random, 0, 6);
+      const glm::dvec2 n(std::cos(angle), std::sin(angle));
+      const double length = Uniform(random, 0.5, 1.5);
+      samples.Add(r, dr1, dr2, 0.0, n, length);
+      const double w = (texel_from_ray * r).z;
+      const glm::dmat2 jacobian = TexelJacobian(texel_from_ray, r, dr1, dr2);
+      if (!(w > 0.0) || i % 7 == 0) continue;
+      const glm::dmat2 inverse = glm::inverse(jacobian);
+      frobenius += glm::dot(inverse[0], inverse[0]) + glm::dot(inverse[1], inverse[1]);
+      const glm::dvec2 across = glm::abs(n * inverse);
+      const double s = std::max(across.x, across.y);
+      const double t = std::min(across.x, across.y);
+      const double pixels = length * (s / 4.0 + t * t / (12.0 * s));
+      edge += pixels;
+      capped += std::min(pixels, kMost);
+      EXPECT_NEAR(EdgeMetricOfSample(samples, static_cast<size_t>(i), texel_from_ray), pixels, 1e-9 * pixels);
+    }
+    EXPECT_NEAR(FrobeniusMetric(samples, texel_from_ray), frobenius, 1e-9 * frobenius) << count;
+    EXPECT_NEAR(EdgeMetric(samples, texel_from_ray), edge, 1e-9 * edge) << count;
+    EXPECT_NEAR(EdgeMetric(samples, texel_from_ray, kMost), capped, 1e-9 * capped) << count;
+  }
+}
 
 TEST(EdgeMetric, EqualsTheMonteCarloAreaBetweenAnEdgeAndItsSteppedImage) {
   // Texel grids at random affine positions over a straight edge: a pixel is wrong where its texel's centre
