@@ -83,8 +83,8 @@ void PrintTable(const v1::FrameResult& result) {
                  light.optimize_seconds() * 1e3, light.note());
   }
   absl::PrintF("\nSafe bias, in window depth; detachment in world units and pixels\n");
-  absl::PrintF("%10s  %12s  %9s  %14s  %14s  %10s  %10s  %11s\n", "light", "constant", "slope",
-               "clamp", "receiver plane", "mean", "worst", "mean pixels");
+  absl::PrintF("%10s  %12s  %9s  %14s  %14s  %10s  %10s  %11s\n", "light", "constant", "slope", "clamp",
+               "receiver plane", "mean", "worst", "mean pixels");
   for (const v1::LightResult& light : result.lights()) {
     if (!light.has_safe_bias()) continue;
     const v1::SafeBias& bias = light.safe_bias();
@@ -181,14 +181,16 @@ void AddOptimizeCommand(CLI::App& app) {
       ->type_name("R");
   CLI::Option* budget =
       command
-          ->add_option("--budget", arguments->budget,
-                       "Share so many texels among the lights by what they gain (weights: the frame's lights)")
+          ->add_option(
+              "--budget", arguments->budget,
+              "Share so many texels among the lights by what they gain (weights: the frame's lights)")
           ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40))
           ->type_name("TEXELS");
-  CLI::Option* atlas = command
-                           ->add_option("--atlas", arguments->atlas,
-                                        "Lay the maps out in one texture, which --budget may leave half empty")
-                           ->type_name("WxH");
+  CLI::Option* atlas =
+      command
+          ->add_option("--atlas", arguments->atlas,
+                       "Lay the maps out in one texture, which --budget may leave half empty")
+          ->type_name("WxH");
   command
       ->add_option("--tolerance", arguments->tolerance,
                    "The smallest maps that are expected to get at most so many pixels wrong, each")

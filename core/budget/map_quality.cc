@@ -50,8 +50,8 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
     };
     const glm::dvec3 pixel_beam =
         glm::cross(pixel_gradient(0, screen.width), pixel_gradient(1, screen.height));
-    const glm::dvec3 texel_beam = glm::cross((texel_rows[0] - u.x * texel_rows[2]) / u.z,
-                                             (texel_rows[1] - u.y * texel_rows[2]) / u.z);
+    const glm::dvec3 texel_beam =
+        glm::cross((texel_rows[0] - u.x * texel_rows[2]) / u.z, (texel_rows[1] - u.y * texel_rows[2]) / u.z);
     const double area = glm::length(pixel_beam) / glm::length(texel_beam);
     if (!std::isfinite(area) || !(area > 0.0)) continue;
     // Expected wrong pixels, as metric.h has it: texel steps across the edge's normal.

@@ -98,8 +98,8 @@ void Spend(std::span<const TexelDemand> demands, std::span<const SizeLadder> lad
       const MapSize above = ladders[i].Above(shares->sizes[i]);
       const double texels = above.texels() - shares->sizes[i].texels();
       if (!(texels > 0.0) || texels > shares->left) continue;
-      const double gain =
-          demands[i].weight * (demands[i].WrongPixels(shares->sizes[i]) - demands[i].WrongPixels(above)) / texels;
+      const double gain = demands[i].weight *
+                          (demands[i].WrongPixels(shares->sizes[i]) - demands[i].WrongPixels(above)) / texels;
       if (gain > best_gain) {
         best_gain = gain;
         best = i;
@@ -112,11 +112,12 @@ void Spend(std::span<const TexelDemand> demands, std::span<const SizeLadder> lad
   }
 }
 
-/// Steps up the ladders, each of which doubles a map and so takes a power of two of texels and gains less than
-/// the one before it: a knapsack whose sizes are powers of two, which is solved exactly from the smallest size
-/// up. An odd bit of the capacity holds the best thing of its size; what else there is of that size is of use
-/// in pairs only, the best with the next best, and a pair is a thing of the next size (the "package-merge" of
-/// L. L. Larmore, D. S. Hirschberg, "A fast algorithm for optimal length-limited Huffman codes", 1990).
+/// Steps up the ladders, each of which doubles a map and so takes a power of two of texels and gains less
+/// than the one before it: a knapsack whose sizes are powers of two, which is solved exactly from the
+/// smallest size up. An odd bit of the capacity holds the best thing of its size; what else there is of that
+/// size is of use in pairs only, the best with the next best, and a pair is a thing of the next size (the
+/// "package-merge" of L. L. Larmore, D. S. Hirschberg, "A fast algorithm for optimal length-limited Huffman
+/// codes", 1990).
 std::vector<MapSize> SharePowersOfTwo(std::span<const TexelDemand> demands,
                                       std::span<const SizeLadder> ladders, double total) {
   struct Package {

@@ -11,9 +11,9 @@ namespace shadowfit {
 /// What a light gains by texels. The `edge` metric is homogeneous in the texel's sides: at a fixed axis,
 /// parallelogram and aspect ratio a map of T texels is predicted to get cost / sqrt(T) pixels wrong.
 struct TexelDemand {
-  double cost = 0.0;    ///< Predicted wrong pixels of a map of one texel: prediction * sqrt(texels).
-  double weight = 1.0;  ///< What a wrong pixel of this light counts.
-  MapSize requested;    ///< Gives the aspect ratio.
+  double cost = 0.0;         ///< Predicted wrong pixels of a map of one texel: prediction * sqrt(texels).
+  double weight = 1.0;       ///< What a wrong pixel of this light counts.
+  MapSize requested;         ///< Gives the aspect ratio.
   double unit_pixels = 0.0;  ///< See MapQuality; for tolerances.
 
   double WrongPixels(MapSize size) const;

@@ -101,8 +101,8 @@ glm::dvec2 Across(const glm::dvec2& side) { return {-side.y, side.x}; }
 /// turned by `angle`, so that v lies along x.
 struct Fan {
   double angle = 0.0;
-  glm::dvec2 turn{1.0, 0.0};           ///< (cos, sin) of it.
-  std::array<glm::dvec2, 2> rim;       ///< Ends of the edge.
+  glm::dvec2 turn{1.0, 0.0};      ///< (cos, sin) of it.
+  std::array<glm::dvec2, 2> rim;  ///< Ends of the edge.
 
   /// w = e^-nearing at a point `along` the edge, 0 to 1.
   glm::dvec2 AxisAt(double nearing, double along) const {
@@ -192,16 +192,12 @@ EdgeNorm EdgeNormOf(double p, double q) {
           std::copysign(a >= b ? by_t : by_s, q)};
 }
 
-/// One cell of axes: everything that its boxes share. All coordinates are turned so that the fan's vertex lies
-/// along x.
+/// One cell of axes: everything that its boxes share. All coordinates are turned so that the fan's vertex
+/// lies along x.
 class Cell {
  public:
   Cell(const WhitenedSamples& samples, MapSize size, const Fan& fan, const FanCell& cell)
-      : fan_(fan),
-        cell_(cell),
-        width_(size.width),
-        height_(size.height),
-        clusters_(kClusters) {
+      : fan_(fan), cell_(cell), width_(size.width), height_(size.height), clusters_(kClusters) {
     const glm::dvec2 center = fan.AxisAt(cell.nearing, cell.along);
     const auto turned = [&fan](double x, double y) {
       return glm::dvec2(fan.turn.x * x + fan.turn.y * y, fan.turn.x * y - fan.turn.y * x);
@@ -240,8 +236,8 @@ class Cell {
   }
 
   struct Bound {
-    double low = -kHuge;     ///< Of the cost over the box.
-    double center = kHuge;   ///< Of the cost at the box's centre.
+    double low = -kHuge;                    ///< Of the cost over the box.
+    double center = kHuge;                  ///< Of the cost at the box's centre.
     std::array<double, kVariables> drop{};  ///< What each variable takes off the bound.
   };
   Bound BoundOf(const ShapeBox& box) const;
@@ -306,8 +302,8 @@ Cell::Place Cell::PlaceOf(const ShapeBox& box) const {
   // 1 / sin is convex, e^y and e^-y are; so is what the slope -cos / sin^2 differs by, on either side.
   const auto ball = [](auto&& function, double at, double reach) {
     const double middle = function(at);
-    return Ball{middle, std::max(std::abs(function(at + reach) - middle),
-                                 std::abs(function(at - reach) - middle))};
+    return Ball{middle,
+                std::max(std::abs(function(at + reach) - middle), std::abs(function(at - reach) - middle))};
   };
   const Ball inverse = ball([](double angle) { return 1.0 / std::sin(angle); }, box.angle, box.angle_reach);
   Ball by_angle = ball([](double angle) { return -std::cos(angle) / (std::sin(angle) * std::sin(angle)); },
@@ -366,8 +362,8 @@ Cell::Bound Cell::BoundOf(const ShapeBox& box) const {
     gamma2.Add(norm.by_q, cluster);
   }
 
-  // Vertices that are extreme somewhere in the box: at both ends of the normal's interval, and a little beyond,
-  // for a change of axis turns the hull's edges. Any choice gives a bound.
+  // Vertices that are extreme somewhere in the box: at both ends of the normal's interval, and a little
+  // beyond, for a change of axis turns the hull's edges. Any choice gives a bound.
   const double turn = std::min(0.1, cell_.nearing_reach + cell_.along_reach);
   const auto ends = [&](double angle, double swing) {
     return std::array{ExtentOf(hull_, Across(DirectionOf(angle - swing))),
@@ -575,9 +571,7 @@ Certificate Certify(const WhitenedSamples& samples, MapSize size, bool free_aspe
                     const ShadowProjection& fit, const CertifyOptions& options,
                     const Cancellation& cancellation) {
   const SteadyClock::time_point start = SteadyClock::now();
-  const auto seconds = [&start] {
-    return std::chrono::duration<double>(SteadyClock::now() - start).count();
-  };
+  const auto seconds = [&start] { return std::chrono::duration<double>(SteadyClock::now() - start).count(); };
   Certificate certificate;
   certificate.cost = certificate.best_cost = CostOfFit(samples, fit);
   if (!(certificate.cost > 0.0)) {
@@ -662,8 +656,8 @@ Certificate Certify(const WhitenedSamples& samples, MapSize size, bool free_aspe
         dropped = std::min(dropped, box.bound);
         continue;
       }
-      const auto worst = static_cast<size_t>(std::max_element(bound.drop.begin(), bound.drop.end()) -
-                                             bound.drop.begin());
+      const auto worst =
+          static_cast<size_t>(std::max_element(bound.drop.begin(), bound.drop.end()) - bound.drop.begin());
       if (worst == kNearing || worst == kAlong) {
         drop += glm::dvec2(bound.drop[kNearing], bound.drop[kAlong]);
         rest.bound = std::min(rest.bound, box.bound);

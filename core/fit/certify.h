@@ -14,7 +14,8 @@ namespace shadowfit {
 /// A matrix that holds the hull is an axis a (2 numbers), the directions of a parallelogram's sides (2) and,
 /// where the aspect ratio is free, a stretch (1). Over all axes that see the hull from no nearer than
 /// kCertifiedNearness, all sides with a sine of at least kCertifiedSine between them and all stretches up to
-/// kCertifiedStretch either way, branch and bound finds the least `edge` metric up to a tolerance. Notation of whitened_samples.h.
+/// kCertifiedStretch either way, branch and bound finds the least `edge` metric up to a tolerance. Notation
+/// of whitened_samples.h.
 ///
 /// **The cost is a norm.** m(p, q) = s/4 + t^2/(12 s), s >= t the sorted |p|, |q|, is E|p U1 + q U2| for
 /// independent uniform U1, U2 in [-1/2, 1/2] (metric.h): a norm of (p, q). So with mu_i, nu_i its partial
@@ -36,15 +37,17 @@ namespace shadowfit {
 ///
 /// a polynomial of second degree in d, and so is Gamma_1(d) = sum mu_i g_i(d), and Gamma_2 with nu_i, whose
 /// coefficients are summed once. The hull is v / (1 + d.v). The origin lies in it, so for a unit normal n the
-/// hull reaches at least n.v / (1 + d.v) >= n.v (1 - d.v) along n for every vertex v, and at least the mean of
-/// that over several vertices with weights of sum 1. Its width across n is at least
+/// hull reaches at least n.v / (1 + d.v) >= n.v (1 - d.v) along n for every vertex v, and at least the mean
+/// of that over several vertices with weights of sum 1. Its width across n is at least
 ///
-///   n . (e - M d),  e = sum lambda_k v_k - sum kappa_k v_k,  M = sum lambda_k v_k v_k^T - sum kappa_k v_k v_k^T.
+///   n . (e - M d),  e = sum (lambda_k - kappa_k) v_k,  M = sum (lambda_k - kappa_k) v_k v_k^T.
 ///
 /// **A box** is such a cell with intervals of the side's direction theta, of the angle psi from it to the
-/// other side, and of y = log(stretch). With n2 across side 2, step 1 is width_2 / (sin(psi) W e^y), and by (1)
+/// other side, and of y = log(stretch). With n2 across side 2, step 1 is width_2 / (sin(psi) W e^y), and by
+/// (1)
 ///
-///   cost >= L = [ (Gamma_1(d).d1) (n2.(e2 - M2 d)) e^-y / W + (Gamma_2(d).d2) (n1.(e1 - M1 d)) e^y / H ] / sin psi
+///   cost >= L = [   (Gamma_1(d).d1) (n2.(e2 - M2 d)) e^-y / W
+///                 + (Gamma_2(d).d2) (n1.(e1 - M1 d)) e^y / H ] / sin psi
 ///
 /// wherever both Gamma.d are positive (one that is not is left out: m is even in p and q, so that (1) holds
 /// without mu or nu). L is smooth, equals the cost at the centre where the weights name the
@@ -54,9 +57,10 @@ namespace shadowfit {
 ///
 ///   L >= L(centre) - sum_k h_k (|slope_k(centre)| + r_k / 2),
 ///
-/// off by the square of the box's size. Arithmetic with balls (middle and radius) bounds r_k. Where two vertices are extreme in turn the cost has a crease, which is where
-/// minima like to lie; the weights lambda, kappa are chosen to make the bound greatest, and at a crease that
-/// mixes both sides' slopes into one that is flat.
+/// off by the square of the box's size. Arithmetic with balls (middle and radius) bounds r_k. Where two
+/// vertices are extreme in turn the cost has a crease, which is where minima like to lie; the weights lambda,
+/// kappa are chosen to make the bound greatest, and at a crease that mixes both sides' slopes into one that
+/// is flat.
 ///
 /// A box whose bound reaches the best cost known, over 1 + tolerance, holds no matrix that is better by more
 /// than the tolerance, and is dropped. Others are halved.
@@ -83,7 +87,7 @@ inline constexpr double kCertifiedSine = 0.08;
 inline constexpr double kCertifiedStretch = 2.7;
 
 struct CertifyOptions {
-  double tolerance = 0.01;  ///< Relative; above 0.
+  double tolerance = 0.01;   ///< Relative; above 0.
   double time_limit = 10.0;  ///< Seconds, after which the certificate is incomplete.
 };
 

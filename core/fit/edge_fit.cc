@@ -157,12 +157,14 @@ EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
     directions[i][1] = static_cast<float>(std::sin(angle));
   }
   float costs[kCoarseDirections][kCoarseDirections];
-  EdgeCostsOfPairs(gx_.data(), gy_.data(), gathered_, hull_x_.data(), hull_y_.data(), hull_x_.size(), directions,
-                   static_cast<float>(size_.width), static_cast<float>(size_.height), costs);
+  EdgeCostsOfPairs(gx_.data(), gy_.data(), gathered_, hull_x_.data(), hull_y_.data(), hull_x_.size(),
+                   directions, static_cast<float>(size_.width), static_cast<float>(size_.height), costs);
   for (size_t i = 0; i < kCoarseDirections; ++i) {
     for (size_t j = 0; j < kCoarseDirections; ++j) {
       if (i == j || !(static_cast<double>(costs[i][j]) < best.cost)) continue;
-      const auto side = [&](size_t k) { return glm::normalize(glm::dvec2(directions[k][0], directions[k][1])); };
+      const auto side = [&](size_t k) {
+        return glm::normalize(glm::dvec2(directions[k][0], directions[k][1]));
+      };
       best = {static_cast<double>(costs[i][j]), {side(i), side(j), 1.0}};
     }
   }

@@ -35,9 +35,9 @@ class EdgeFit {
   };
 
   /// How closely sides are turned: to pi/16 in a first step, and to half of that in each one more.
-  static constexpr int kCoarse = 2;   ///< 5.6 degrees; the cost is square in the error, but at creases.
-  static constexpr int kMedium = 4;   ///< 1.4 degrees.
-  static constexpr int kFine = 6;     ///< 0.35 degrees.
+  static constexpr int kCoarse = 2;  ///< 5.6 degrees; the cost is square in the error, but at creases.
+  static constexpr int kMedium = 4;  ///< 1.4 degrees.
+  static constexpr int kFine = 6;    ///< 0.35 degrees.
 
   /// The best parallelogram at an axis, searched over all directions.
   Result Evaluate(const glm::dvec2& axis, int steps = kFine);

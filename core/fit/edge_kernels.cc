@@ -44,15 +44,15 @@ HWY_INLINE hn::Vec<Lanes> ExpectedWidth(hn::Vec<Lanes> p, hn::Vec<Lanes> q) {
   const Lanes d;
   const auto s = hn::Max(p, q);
   const auto t = hn::Min(p, q);
-  return hn::Add(hn::Mul(hn::Set(d, 0.25f), s), hn::Div(hn::Mul(hn::Mul(t, t), hn::Set(d, 1.0f / 12.0f)),
-                                                        hn::Add(s, hn::Set(d, 1e-30f))));
+  return hn::Add(hn::Mul(hn::Set(d, 0.25f), s),
+                 hn::Div(hn::Mul(hn::Mul(t, t), hn::Set(d, 1.0f / 12.0f)), hn::Add(s, hn::Set(d, 1e-30f))));
 }
 
 /// |g . b|
 HWY_INLINE hn::Vec<Lanes> Along(const float* gx, const float* gy, size_t i, const float b[2]) {
   const Lanes d;
-  return hn::Abs(
-      hn::Add(hn::Mul(hn::LoadU(d, gx + i), hn::Set(d, b[0])), hn::Mul(hn::LoadU(d, gy + i), hn::Set(d, b[1]))));
+  return hn::Abs(hn::Add(hn::Mul(hn::LoadU(d, gx + i), hn::Set(d, b[0])),
+                         hn::Mul(hn::LoadU(d, gy + i), hn::Set(d, b[1]))));
 }
 
 float EdgeCost(const float* gx, const float* gy, size_t count, const float b1[2], const float b2[2]) {
@@ -86,8 +86,8 @@ void HullExtents(const float* vx, const float* vy, size_t count, const float n1[
 }
 
 void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const float* vx, const float* vy,
-                      size_t hull_count, const float directions[kCoarseDirections][2], float width, float height,
-                      float costs[kCoarseDirections][kCoarseDirections]) {
+                      size_t hull_count, const float directions[kCoarseDirections][2], float width,
+                      float height, float costs[kCoarseDirections][kCoarseDirections]) {
   const Lanes d;
   float along[kCoarseDirections][kMostGathered];
   float extents[kCoarseDirections];
@@ -136,8 +136,8 @@ float EdgeCost(const float* gx, const float* gy, size_t count, const float b1[2]
   return HWY_DYNAMIC_DISPATCH(EdgeCost)(gx, gy, count, b1, b2);
 }
 void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const float* vx, const float* vy,
-                      size_t hull_count, const float directions[kCoarseDirections][2], float width, float height,
-                      float costs[kCoarseDirections][kCoarseDirections]) {
+                      size_t hull_count, const float directions[kCoarseDirections][2], float width,
+                      float height, float costs[kCoarseDirections][kCoarseDirections]) {
   HWY_DYNAMIC_DISPATCH(EdgeCostsOfPairs)
   (gx, gy, count, vx, vy, hull_count, directions, width, height, costs);
 }

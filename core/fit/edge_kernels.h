@@ -30,8 +30,8 @@ inline constexpr size_t kCoarseDirections = 8;
 /// once, for all pairs. Arrays as for EdgeCost (at most kMostGathered covectors) and HullExtents.
 inline constexpr size_t kMostGathered = 64;
 void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const float* vx, const float* vy,
-                      size_t hull_count, const float directions[kCoarseDirections][2], float width, float height,
-                      float costs[kCoarseDirections][kCoarseDirections]);
+                      size_t hull_count, const float directions[kCoarseDirections][2], float width,
+                      float height, float costs[kCoarseDirections][kCoarseDirections]);
 
 /// Greatest minus least n . v over `count` points (a multiple of kEdgeLanes; padding repeats a point) for two
 /// directions.

@@ -329,7 +329,8 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
       result.predicted_misclassified_pixels = PredictMisclassifiedPixels(samples, ProjectionsOf(result));
     }
     if (options.assess_quality) {
-      result.quality = AssessMaps(*camera, work.ray_spaces[i], samples, ProjectionsOf(result), screen, kUnsampled);
+      result.quality =
+          AssessMaps(*camera, work.ray_spaces[i], samples, ProjectionsOf(result), screen, kUnsampled);
     }
     result.seconds += SecondsSince(light_start);
   }

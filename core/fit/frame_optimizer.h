@@ -24,7 +24,8 @@ namespace shadowfit {
 struct LightRequest {
   uint32_t id = 0;  ///< The caller's name for the light; unique in a frame.
   Light light;
-  MapSize map_size;  ///< Texels, 1 to kMaxMapSize a side. The aspect ratio only, where Options::sizing is set.
+  MapSize
+      map_size;  ///< Texels, 1 to kMaxMapSize a side. The aspect ratio only, where Options::sizing is set.
   /// The matrix that the previous frame used, in FrameRequest::output_clip_depth convention; temporal
   /// stability works from it. A matrix that is not this light's (it moved) is ignored, and the summary says
   /// so.

@@ -18,7 +18,8 @@ absl::Status Invalid(std::string message) { return absl::InvalidArgumentError(st
 
 absl::Status CheckSides(const std::string& path, const SideLimits& sides) {
   const int least = sides.rounding == SizeRounding::kMultipleOf8 ? 8 : 1;
-  for (const auto& [value, name] : {std::pair(sides.min_side, "min_side"), std::pair(sides.max_side, "max_side")}) {
+  for (const auto& [value, name] :
+       {std::pair(sides.min_side, "min_side"), std::pair(sides.max_side, "max_side")}) {
     if (value < least || value > kMaxMapSize) {
       return Invalid(absl::StrFormat("%s.%s: %d is outside %d to %d", path, name, value, least, kMaxMapSize));
     }
@@ -58,8 +59,8 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
 }
 
 /// The maps of all lights, light by light. A light's maps have their texels by the same rule as those of a
-/// frame, t in proportion to c^(2/3), so that the pixels that each is predicted to get wrong, c / sqrt(t), are
-/// in proportion to its texels.
+/// frame, t in proportion to c^(2/3), so that the pixels that each is predicted to get wrong, c / sqrt(t),
+/// are in proportion to its texels.
 std::vector<TexelDemand> MapDemands(std::span<const SizedLight> lights, bool edges_known) {
   std::vector<TexelDemand> demands;
   for (const SizedLight& light : lights) {
@@ -110,8 +111,8 @@ absl::Status SizeByTolerance(const ToleranceOptions& options, const LightMatrixM
   for (const ShadowProjection& projection : fitted) fitted_texels += projection.size.texels();
   TexelDemand demand = DemandOf(*light, edges_known);
   double texels = SafeTexels(demand, allowed);
-  // The prediction caps what rough samples cost (prediction.h), so that it falls more slowly from a coarse map
-  // on; and rounded sides change the aspect ratio, which may cost a little.
+  // The prediction caps what rough samples cost (prediction.h), so that it falls more slowly from a coarse
+  // map on; and rounded sides change the aspect ratio, which may cost a little.
   constexpr int kMostAttempts = 16;
   for (int attempt = 0; attempt < kMostAttempts; ++attempt) {
     std::vector<MapSize> sizes;
@@ -139,8 +140,7 @@ absl::StatusOr<std::vector<MapSize>> SizesByBudget(const BudgetOptions& options,
                                                    std::span<SizedLight> lights) {
   BudgetOptions limits = options;
   if (options.atlas) {
-    limits.sides.max_side =
-        std::min({options.sides.max_side, options.atlas->width, options.atlas->height});
+    limits.sides.max_side = std::min({options.sides.max_side, options.atlas->width, options.atlas->height});
     limits.sides.min_side = std::min(limits.sides.min_side, limits.sides.max_side);
   }
   double total = options.atlas ? options.atlas->texels() : options.total_texels;
@@ -148,9 +148,9 @@ absl::StatusOr<std::vector<MapSize>> SizesByBudget(const BudgetOptions& options,
   double least = 0.0;
   for (const TexelDemand& demand : demands) least += SmallestSize(demand.requested, limits.sides).texels();
   if (total < least) {
-    return Invalid(absl::StrFormat("options.texel_budget.%s: %.0f texels, %d maps of the least size need %.0f",
-                                   total == options.total_texels ? "total_texels" : "atlas", total,
-                                   demands.size(), least));
+    return Invalid(absl::StrFormat(
+        "options.texel_budget.%s: %.0f texels, %d maps of the least size need %.0f",
+        total == options.total_texels ? "total_texels" : "atlas", total, demands.size(), least));
   }
   if (!options.atlas) return ShareSizes(demands, limits.sides, total);
   // Fewer texels until the packer finds room.
@@ -167,8 +167,9 @@ absl::StatusOr<std::vector<MapSize>> SizesByBudget(const BudgetOptions& options,
       return sizes;
     }
     if (total <= least) {
-      return Invalid(absl::StrFormat("options.texel_budget.atlas: %dx%d does not hold %d maps of the least size",
-                                     options.atlas->width, options.atlas->height, sizes.size()));
+      return Invalid(
+          absl::StrFormat("options.texel_budget.atlas: %dx%d does not hold %d maps of the least size",
+                          options.atlas->width, options.atlas->height, sizes.size()));
     }
     total *= kStep;
   }
@@ -187,16 +188,17 @@ absl::Status CheckSizing(const MapSizing& sizing) {
     if (budget->atlas) {
       const auto outside = [](int side) { return side < 1 || side > kMaxMapSize; };
       if (outside(budget->atlas->width) || outside(budget->atlas->height)) {
-        return Invalid(absl::StrFormat("options.texel_budget.atlas: %dx%d, sides are 1 to %d", budget->atlas->width,
-                                       budget->atlas->height, kMaxMapSize));
+        return Invalid(absl::StrFormat("options.texel_budget.atlas: %dx%d, sides are 1 to %d",
+                                       budget->atlas->width, budget->atlas->height, kMaxMapSize));
       }
     }
     return CheckSides("options.texel_budget.sides", budget->sides);
   }
   if (const auto* tolerance = std::get_if<ToleranceOptions>(&sizing)) {
     if (!std::isfinite(tolerance->max_misclassified_pixels) || !(tolerance->max_misclassified_pixels > 0.0)) {
-      return Invalid(absl::StrFormat("options.tolerance.max_misclassified_pixels: %g is not finite and above 0",
-                                     tolerance->max_misclassified_pixels));
+      return Invalid(
+          absl::StrFormat("options.tolerance.max_misclassified_pixels: %g is not finite and above 0",
+                          tolerance->max_misclassified_pixels));
     }
     return CheckSides("options.tolerance.sides", tolerance->sides);
   }

@@ -14,7 +14,7 @@ namespace shadowfit {
 struct SizedLight {
   LightProblem problem;  ///< With the requested size.
   double weight = 1.0;
-  LightFit fit;  ///< Of the requested size; then of the chosen one.
+  LightFit fit;                                ///< Of the requested size; then of the chosen one.
   std::vector<AtlasPosition> atlas_positions;  ///< Of its maps, where there is an atlas.
 };
 
@@ -23,9 +23,9 @@ struct SizedLight {
 absl::Status CheckSizing(const MapSizing& sizing);
 
 /// Gives every light the size that the options ask for: its prediction at the requested size says how many
-/// wrong pixels it has at any. The fit is scaled where the aspect ratio stays, and made anew by `method` where
-/// rounding changes it. `edges_known`: the frame has shadow bits; lights without a shadow edge then get the
-/// least size.
+/// wrong pixels it has at any. The fit is scaled where the aspect ratio stays, and made anew by `method`
+/// where rounding changes it. `edges_known`: the frame has shadow bits; lights without a shadow edge then get
+/// the least size.
 absl::Status SizeMaps(const MapSizing& sizing, const LightMatrixMethod& method, bool edges_known,
                       std::span<SizedLight> lights);
 

@@ -25,8 +25,8 @@ namespace shadowfit {
 class FrobeniusMoments {
  public:
   FrobeniusMoments() = default;
-  /// Of the samples in the coordinates p = `normalized_from_ray` r. Those whose Jacobian is singular for every
-  /// matrix (D = 0) are left out.
+  /// Of the samples in the coordinates p = `normalized_from_ray` r. Those whose Jacobian is singular for
+  /// every matrix (D = 0) are left out.
   FrobeniusMoments(const BoundarySamples& samples, const glm::dmat3& normalized_from_ray);
 
   /// h at a matrix that sees all samples (h3 . p > 0); those behind it would count as if they were in front.

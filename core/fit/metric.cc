@@ -67,8 +67,8 @@ double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
     const auto along2 = hn::Abs(hn::Sub(hn::Mul(n2, k.k11), hn::Mul(n1, k.k12)));
     const auto s = hn::Max(along1, along2);
     const auto t = hn::Min(along1, along2);
-    const auto width = hn::Add(hn::Mul(hn::Set(d, 0.25), s),
-                               hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
+    const auto width =
+        hn::Add(hn::Mul(hn::Set(d, 0.25), s), hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
     const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
     const auto pixels = hn::Mul(hn::Mul(load(samples.length), width), scale);
     const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));

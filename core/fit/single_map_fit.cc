@@ -133,7 +133,8 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   Candidate best;
   const size_t descents = std::min(starts.size(), static_cast<size_t>(options.descents));
   for (size_t i = 0; i < descents; ++i) {
-    Candidate found = Descend(search, EdgeFit::kMedium, chart, starts[i], 0.5, options.evaluations_per_descent, 2e-3);
+    Candidate found =
+        Descend(search, EdgeFit::kMedium, chart, starts[i], 0.5, options.evaluations_per_descent, 2e-3);
     found.result = final_fit.EvaluateNear(chart.AxisAt(found.y), found.result.shape);
     if (i == 0 || found.result.cost < best.result.cost) best = found;
   }

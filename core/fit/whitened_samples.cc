@@ -37,16 +37,15 @@ size_t AddSamples(const BoundarySamples& samples, double weight, double most_len
     const Doubles3 edge = Cross(p, {across(dp1.x, dp2.x), across(dp1.y, dp2.y), across(dp1.z, dp2.z)});
     const Doubles scale = hn::Div(hn::Mul(load(samples.length), p.z), Dot(p, Cross(dp1, dp2)));
     // The covector at the axis (0, 0, 1) is (E1, E2).
-    const Doubles length = hn::Mul(
-        hn::Abs(scale), hn::Sqrt(hn::Add(hn::Mul(edge.x, edge.x), hn::Mul(edge.y, edge.y))));
+    const Doubles length =
+        hn::Mul(hn::Abs(scale), hn::Sqrt(hn::Add(hn::Mul(edge.x, edge.x), hn::Mul(edge.y, edge.y))));
     const auto most = hn::Set(d, most_length);
-    const Doubles counted = hn::Mul(
-        hn::Mul(scale, hn::Set(d, weight)),
-        hn::IfThenElse(hn::Gt(length, most), hn::Div(most, length), hn::Set(d, 1.0)));
+    const Doubles counted =
+        hn::Mul(hn::Mul(scale, hn::Set(d, weight)),
+                hn::IfThenElse(hn::Gt(length, most), hn::Div(most, length), hn::Set(d, 1.0)));
     const Doubles3 e{hn::Mul(edge.x, counted), hn::Mul(edge.y, counted), hn::Mul(edge.z, counted)};
-    const auto usable =
-        hn::And(hn::Gt(p.z, hn::Zero(d)),
-                hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
+    const auto usable = hn::And(hn::Gt(p.z, hn::Zero(d)),
+                                hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
     const auto store = [&](Doubles v, std::vector<float>* to) {
       hn::StoreU(hn::DemoteTo(df, hn::Compress(v, usable)), df, to->data() + next);
     };
@@ -172,8 +171,7 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double 
   const double most_length = most_pixels / (0.29 * std::sqrt(12.0) * texel);
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
   const size_t reliable = add(problem.samples->boundary, 1.0, most_length, 0, &whitened);
-  const size_t all =
-      add(problem.samples->rough_boundary, rough_weight, most_length, reliable, &whitened);
+  const size_t all = add(problem.samples->rough_boundary, rough_weight, most_length, reliable, &whitened);
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(all);
   PadToLanes(&whitened);
   return whitened;

@@ -108,11 +108,11 @@ struct FrameSampler::Workspace {
   PixelSurfaces surfaces;
 
   // Per light.
-  PixelList concerned;                  ///< Active pixels that the light asks for.
-  std::vector<double> listed_cosines;   ///< Of these.
-  std::vector<double> cosine;           ///< By active pixel, of those concerned.
-  std::vector<Facing> facing;           ///< Likewise.
-  PixelList hull;                       ///< Active pixels that become hull samples.
+  PixelList concerned;                 ///< Active pixels that the light asks for.
+  std::vector<double> listed_cosines;  ///< Of these.
+  std::vector<double> cosine;          ///< By active pixel, of those concerned.
+  std::vector<Facing> facing;          ///< Likewise.
+  PixelList hull;                      ///< Active pixels that become hull samples.
   std::vector<EdgeAtHull> edges;
   std::vector<EdgeAtHull> rough_edges;
 

@@ -73,8 +73,8 @@ void Unproject(const Camera& camera, int width, int height, const PixelDepths& p
     const Doubles point_w =
         hn::Add(hn::Add(hn::Mul(w(0), x), hn::Mul(w(1), y)), hn::Add(hn::Mul(w(2), z), w(3)));
     const Doubles inverse_w = hn::Div(one, point_w);
-    const Doubles3 position = Scaled(
-        Plus(Plus(Scaled(xyz(0), x), Scaled(xyz(1), y)), Plus(Scaled(xyz(2), z), xyz(3))), inverse_w);
+    const Doubles3 position =
+        Scaled(Plus(Plus(Scaled(xyz(0), x), Scaled(xyz(1), y)), Plus(Scaled(xyz(2), z), xyz(3))), inverse_w);
     // X = p / p.w, so dX = (dp - X dp.w) / p.w.
     const auto derivative = [&](const HomogeneousStep& step, Doubles dz) {
       const Doubles3 dp = Plus(step.xyz, Scaled(xyz(2), dz));
@@ -111,8 +111,7 @@ void Unproject(const Camera& camera, int width, int height, const PixelDepths& p
 struct Gather {
   hn::Vec<hn::RebindToSigned<Lanes>> indices;
   explicit Gather(const int32_t* list)
-      : indices(hn::PromoteTo(hn::RebindToSigned<Lanes>(),
-                              hn::LoadU(hn::Rebind<int32_t, Lanes>(), list))) {}
+      : indices(hn::PromoteTo(hn::RebindToSigned<Lanes>(), hn::LoadU(hn::Rebind<int32_t, Lanes>(), list))) {}
   Doubles operator()(const std::vector<double>& v) const {
     return hn::GatherIndex(Lanes(), v.data(), indices);
   }
@@ -151,7 +150,9 @@ void Hull(const PixelSurfaces& surfaces, const PixelList& pixels, const RaySpace
   const glm::dmat3& linear = ray_space.linear();
   const Doubles3 offset = Set(ray_space.offset());
   const Doubles3 direction = Set(ray_space.ws_direction());
-  const auto store = [&](const Doubles3& v, glm::dvec3* at) { hn::StoreInterleaved3(v.x, v.y, v.z, d, &at->x); };
+  const auto store = [&](const Doubles3& v, glm::dvec3* at) {
+    hn::StoreInterleaved3(v.x, v.y, v.z, d, &at->x);
+  };
   for (size_t i = 0; i < pixels.size(); i += hn::Lanes(d)) {
     const Gather gather(pixels.data() + i);
     const Doubles3 position = gather(surfaces.ws_position);
@@ -197,8 +198,7 @@ void PixelDepths::Reserve(size_t count) {
 
 void UnprojectPixels(const Camera& camera, int width, int height, const PixelDepths& pixels,
                      PixelSurfaces* surfaces) {
-  for (auto* vectors :
-       {&surfaces->ws_position, &surfaces->ws_dx1, &surfaces->ws_dx2, &surfaces->ws_normal}) {
+  for (auto* vectors : {&surfaces->ws_position, &surfaces->ws_dx1, &surfaces->ws_dx2, &surfaces->ws_normal}) {
     for (std::vector<double>& axis : *vectors) axis.resize(PaddedSize(pixels.size()));
   }
   surfaces->reliable.resize(pixels.size());

@@ -167,8 +167,8 @@ class TileReducer {
 
  private:
   HWY_INLINE V Set(double value) const { return hn::Set(d_, static_cast<T>(value)); }
-  // 1 / w. Division is what float tiles would spend most of their time on; an estimate and one step of Newton's
-  // method are wrong by at most 4.25 units of 2^-24, relative.
+  // 1 / w. Division is what float tiles would spend most of their time on; an estimate and one step of
+  // Newton's method are wrong by at most 4.25 units of 2^-24, relative.
   HWY_INLINE V Reciprocal(V w) const {
 #if HWY_ARCH_X86
     if constexpr (!kExact) {

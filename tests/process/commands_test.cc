@@ -152,8 +152,9 @@ TEST_F(Commands, ThePythonScriptGivesTheSameMatrices) {
   ExpectResult(Read("result.json"));
   ExpectResult(python.out);
 
-  const Ran shared(With({SHADOWFIT_PYTHON, SHADOWFIT_PYTHON_SCRIPT},
-                        {"--server", server.address(), "--atlas", "1024x1024", "--rounding", "power_of_two"}));
+  const Ran shared(
+      With({SHADOWFIT_PYTHON, SHADOWFIT_PYTHON_SCRIPT},
+           {"--server", server.address(), "--atlas", "1024x1024", "--rounding", "power_of_two"}));
   EXPECT_EQ(shared.code, 0) << shared.error;
   v1::FrameResult sized;
   ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(Read("result.json"), &sized).ok());

@@ -2,8 +2,9 @@
 //
 //   bench_budget [triangles [lights of each kind [frames of 16 lights]]]
 //
-// Budget: frames of 16 lights of very different importance (a sun, lamps all around, spots over the ground near
-// and far), 160,000 texels for each light on average: true wrong pixels with equal sizes and with shared ones.
+// Budget: frames of 16 lights of very different importance (a sun, lamps all around, spots over the ground
+// near and far), 160,000 texels for each light on average: true wrong pixels with equal sizes and with shared
+// ones.
 //
 // Tolerance: each light alone, with the smallest map that is expected to get at most N pixels wrong, for N of
 // 0.2 to 2 % of the screen: in how many lights the count stays below N, and the factor on the prediction with
@@ -89,7 +90,8 @@ absl::StatusOr<PreparedFrame> Prepare(const Study& study, const std::vector<Ligh
   for (size_t i = 0; i < lights.size(); ++i) {
     absl::StatusOr<LightStudy> made = LightStudy::Create(study.truth, study.view, lights[i]);
     if (!made.ok()) return made.status();
-    for (size_t pixel = 0; pixel < frame.bits.size(); ++pixel) frame.bits[pixel] |= (made->bits[pixel] & 1u) << i;
+    for (size_t pixel = 0; pixel < frame.bits.size(); ++pixel)
+      frame.bits[pixel] |= (made->bits[pixel] & 1u) << i;
     frame.studies.push_back(std::make_unique<LightStudy>(*std::move(made)));
     LightRequest& light = frame.request.lights.emplace_back();
     light.id = static_cast<uint32_t>(i);
@@ -203,18 +205,21 @@ absl::Status StudyTolerance(const Study& study, int lights) {
       std::sort(ratios.begin(), ratios.end());
       std::sort(sides.begin(), sides.end());
       const auto quantile = [&](double q) {
-        return ratios[std::min(ratios.size() - 1, static_cast<size_t>(q * static_cast<double>(ratios.size())))];
+        return ratios[std::min(ratios.size() - 1,
+                               static_cast<size_t>(q * static_cast<double>(ratios.size())))];
       };
       std::printf("%12s %6.0f %6d %6.1f%% %7.2f   %.2f %.2f %.2f %.2f %.2f  %.0f\n",
                   std::string(LightPlacementName(placement)).c_str(), tolerance.max_misclassified_pixels,
-                  int(ratios.size()), 100.0 * kept / static_cast<double>(ratios.size()), quantile(0.9), quantile(0.5), quantile(0.8),
-                  quantile(0.9), quantile(0.95), ratios.back(), sides[sides.size() / 2]);
+                  int(ratios.size()), 100.0 * kept / static_cast<double>(ratios.size()), quantile(0.9),
+                  quantile(0.5), quantile(0.8), quantile(0.9), quantile(0.95), ratios.back(),
+                  sides[sides.size() / 2]);
       std::fflush(stdout);
     }
   }
   std::sort(all_ratios.begin(), all_ratios.end());
   std::printf("%12s %6s %6d %6.1f%% %7.2f\n", "all", "", int(all_ratios.size()),
-              100.0 * all_kept / static_cast<double>(all_ratios.size()), all_ratios[all_ratios.size() * 9 / 10]);
+              100.0 * all_kept / static_cast<double>(all_ratios.size()),
+              all_ratios[all_ratios.size() * 9 / 10]);
   return absl::OkStatus();
 }
 
@@ -259,7 +264,9 @@ absl::Status StudySafety(const Study& study, int lights) {
     std::vector<double> ratios;
     for (size_t i = begin; i < end; ++i) ratios.push_back(points[i].ratio);
     std::sort(ratios.begin(), ratios.end());
-    const auto quantile = [&](double q) { return ratios[static_cast<size_t>(q * double(ratios.size() - 1))]; };
+    const auto quantile = [&](double q) {
+      return ratios[static_cast<size_t>(q * double(ratios.size() - 1))];
+    };
     std::printf("%13.3f %7d  %.2f %.2f %.2f %.2f\n", points[(begin + end) / 2].texel, int(ratios.size()),
                 quantile(0.5), quantile(0.8), quantile(0.9), quantile(0.95));
   }

@@ -1,7 +1,7 @@
 // The default search for the axis beside NLopt's BOBYQA and DIRECT-L on the same objective and the same two
 // variables: for lights of the plaza seen through 180x180 samples, the time and the evaluations that each
-// takes to the value that the default search ends at (within 0.1 %). And how far the default search is from the
-// best matrix that there is, certified to 1 % (certify.h), and how long that proof takes.
+// takes to the value that the default search ends at (within 0.1 %). And how far the default search is from
+// the best matrix that there is, certified to 1 % (certify.h), and how long that proof takes.
 //
 //   bench_search [lights of each kind]
 //
@@ -174,8 +174,8 @@ absl::Status Bench(int lights) {
       FrameSampler sampler;
       FrameExtent extent;
       std::vector<LightSamples> samples;
-      sampler.Sample(*camera, view.samples.Depth(), study->Bits(view), {&study->ray_space, 1}, kScreen, &extent,
-                     &samples);
+      sampler.Sample(*camera, view.samples.Depth(), study->Bits(view), {&study->ray_space, 1}, kScreen,
+                     &extent, &samples);
       LightProblem problem;
       problem.camera = &*camera;
       problem.light = &light;
@@ -198,15 +198,17 @@ absl::Status Bench(int lights) {
       least_gaps.push_back(certificate.LeastGap());
       most_gaps.push_back(certificate.MostGap());
       uncertified += certificate.complete ? 0 : 1;
-      const auto above = [&](const Outcome& outcome) { return 100.0 * (outcome.value / standard.value - 1.0); };
-      std::printf("%12s %7d | %6.3f ms %6d | %6.3f ms %6d %+6.2f%% | %6.3f ms %6d %+6.2f%% | "
-                  "%.2f to %.2f %%%s, %.2f s, %lld boxes\n",
-                  std::string(LightPlacementName(placement)).c_str(), int(whitened.x.size()),
-                  1e3 * standard.seconds, standard.evaluations, 1e3 * bobyqa.seconds, bobyqa.evaluations,
-                  above(bobyqa), 1e3 * direct.seconds, direct.evaluations, above(direct),
-                  100.0 * certificate.LeastGap(), 100.0 * certificate.MostGap(),
-                  certificate.complete ? "" : " (gave up)", certify_seconds.back(),
-                  static_cast<long long>(certificate.boxes));
+      const auto above = [&](const Outcome& outcome) {
+        return 100.0 * (outcome.value / standard.value - 1.0);
+      };
+      std::printf(
+          "%12s %7d | %6.3f ms %6d | %6.3f ms %6d %+6.2f%% | %6.3f ms %6d %+6.2f%% | "
+          "%.2f to %.2f %%%s, %.2f s, %lld boxes\n",
+          std::string(LightPlacementName(placement)).c_str(), int(whitened.x.size()), 1e3 * standard.seconds,
+          standard.evaluations, 1e3 * bobyqa.seconds, bobyqa.evaluations, above(bobyqa), 1e3 * direct.seconds,
+          direct.evaluations, above(direct), 100.0 * certificate.LeastGap(), 100.0 * certificate.MostGap(),
+          certificate.complete ? "" : " (gave up)", certify_seconds.back(),
+          static_cast<long long>(certificate.boxes));
       std::fflush(stdout);
       if (bobyqa.value <= target) {
         bobyqa_ratios.push_back(bobyqa.seconds / standard.seconds);
@@ -218,7 +220,8 @@ absl::Status Bench(int lights) {
       } else {
         ++direct_failed;
       }
-      const double searched = std::min<double>(static_cast<double>(whitened.x.size()), DefaultOptions{}.search_samples);
+      const double searched =
+          std::min<double>(static_cast<double>(whitened.x.size()), DefaultOptions{}.search_samples);
       shares.push_back(kFlopsPerSample * searched * standard.evaluations / standard.seconds / peak);
     }
   }
@@ -227,7 +230,8 @@ absl::Status Bench(int lights) {
   std::printf("DIRECT-L: %.1f times the default's time in the median, %d of %d lights not to its value\n",
               Median(direct_ratios), direct_failed, 3 * lights);
   std::printf(
-      "certificate: gap at least %.2f %% in the median, %.2f %% at worst, at most %.2f %% and %.2f %%; %.2f s in the "
+      "certificate: gap at least %.2f %% in the median, %.2f %% at worst, at most %.2f %% and %.2f %%; %.2f "
+      "s in the "
       "median, %.2f s at worst; %d of %d lights without\n",
       100.0 * Median(least_gaps), 100.0 * *std::max_element(least_gaps.begin(), least_gaps.end()),
       100.0 * Median(most_gaps), 100.0 * *std::max_element(most_gaps.begin(), most_gaps.end()),

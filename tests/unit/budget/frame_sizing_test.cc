@@ -82,7 +82,8 @@ TEST(Sizing, AWeightDrawsTexels) {
   frame.request.lights[i].weight = 8.0;
   const FrameSummary weighted = *Optimized(frame.request, budget);
   EXPECT_GT(weighted.lights[i].projection.size.texels(), plain.lights[i].projection.size.texels());
-  EXPECT_LT(weighted.lights[i].predicted_misclassified_pixels, plain.lights[i].predicted_misclassified_pixels);
+  EXPECT_LT(weighted.lights[i].predicted_misclassified_pixels,
+            plain.lights[i].predicted_misclassified_pixels);
 }
 
 TEST(Sizing, AnAtlasHoldsAllMaps) {
@@ -162,14 +163,16 @@ TEST(Sizing, ErrorsNameTheField) {
   EXPECT_THAT(message(BudgetOptions{-1.0, {}, {}}), StartsWith("options.texel_budget.total_texels: -1, "));
   EXPECT_THAT(message(BudgetOptions{kNan, {}, {}}), StartsWith("options.texel_budget.total_texels: nan, "));
   EXPECT_THAT(message(BudgetOptions{100.0, {}, {}}), StartsWith("options.texel_budget.total_texels: 100 "));
-  EXPECT_THAT(message(BudgetOptions{1e6, {0, 100}, {}}), StartsWith("options.texel_budget.sides.min_side: 0 "));
+  EXPECT_THAT(message(BudgetOptions{1e6, {0, 100}, {}}),
+              StartsWith("options.texel_budget.sides.min_side: 0 "));
   EXPECT_THAT(message(BudgetOptions{1e6, {200, 100}, {}}),
               StartsWith("options.texel_budget.sides.min_side: 200 "));
   EXPECT_THAT(message(BudgetOptions{1e6, {16, 70000}, {}}),
               StartsWith("options.texel_budget.sides.max_side: 70000 "));
   EXPECT_THAT(message(BudgetOptions{1e6, {4, 64, SizeRounding::kMultipleOf8}, {}}),
               StartsWith("options.texel_budget.sides.min_side: 4 "));
-  EXPECT_THAT(message(BudgetOptions{0.0, {}, MapSize{0, 100}}), StartsWith("options.texel_budget.atlas: 0x100"));
+  EXPECT_THAT(message(BudgetOptions{0.0, {}, MapSize{0, 100}}),
+              StartsWith("options.texel_budget.atlas: 0x100"));
   EXPECT_THAT(message(BudgetOptions{0.0, {64, 64}, MapSize{100, 100}}),
               StartsWith("options.texel_budget.atlas: "));
   EXPECT_THAT(message(ToleranceOptions{}), StartsWith("options.tolerance.max_misclassified_pixels: 0 "));

@@ -31,7 +31,8 @@ std::vector<TexelDemand> RandomDemands(std::mt19937& random, int count) {
   std::vector<TexelDemand> demands;
   for (int i = 0; i < count; ++i) {
     const int height = 64 << (random() % 3);
-    demands.push_back({std::exp(Uniform(random, 5.0, 13.0)), std::exp(Uniform(random, -1.0, 1.0)),
+    demands.push_back({std::exp(Uniform(random, 5.0, 13.0)),
+                       std::exp(Uniform(random, -1.0, 1.0)),
                        {random() % 2 == 0 ? height : 2 * height, height},
                        0.0});
   }
@@ -73,7 +74,8 @@ TEST(ShareTexels, NoExchangeBetweenTwoLightsGains) {
         const double moved = std::min({1e-3 * shares[i], shares[i] - least[i], most[j] - shares[j]});
         if (i == j || !(moved > 0.0)) continue;
         const double before = demand[i] / std::sqrt(shares[i]) + demand[j] / std::sqrt(shares[j]);
-        const double after = demand[i] / std::sqrt(shares[i] - moved) + demand[j] / std::sqrt(shares[j] + moved);
+        const double after =
+            demand[i] / std::sqrt(shares[i] - moved) + demand[j] / std::sqrt(shares[j] + moved);
         ASSERT_GE(after, before * (1.0 - 1e-9)) << "trial " << trial;
       }
     }

@@ -90,9 +90,9 @@ TEST(LowerBound, IsNeverAboveACostInItsBox) {
       const double nearing = within(box.nearing, box.nearing_reach);
       const glm::dvec2 axis = CertifiedAxis(samples, box.fan, nearing, within(box.along, box.along_reach));
       ASSERT_TRUE(Sees(samples, axis, 0.99 * std::exp(-nearing)));
-      const double cost = ExactEdgeCost(samples, size, axis, within(box.direction, box.direction_reach),
-                                        within(box.angle, box.angle_reach),
-                                        within(box.log_stretch, box.log_stretch_reach));
+      const double cost =
+          ExactEdgeCost(samples, size, axis, within(box.direction, box.direction_reach),
+                        within(box.angle, box.angle_reach), within(box.log_stretch, box.log_stretch_reach));
       ASSERT_GE(cost, bound) << "trial " << trial;
       least = std::min(least, cost);
     }
@@ -193,8 +193,7 @@ TEST(Certify, BracketsBruteForce) {
     EXPECT_GE(least, certificate.lower_bound * 0.9985);  // Binned floats, see EdgeFit.
     EXPECT_LE(certificate.best_cost, least * (1.0015 + kTolerance));
     if (certificate.improved) {
-      const Certificate again =
-          Certify(samples, size, false, certificate.best, {0.5, 10.0}, Cancellation());
+      const Certificate again = Certify(samples, size, false, certificate.best, {0.5, 10.0}, Cancellation());
       EXPECT_NEAR(again.cost, certificate.best_cost, 1e-3 * again.cost);
     }
   }
