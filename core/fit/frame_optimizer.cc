@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <set>
 #include <utility>
 
@@ -15,6 +16,7 @@
 #include "core/fit/method_factory.h"
 #include "core/fit/metric.h"
 #include "core/fit/prediction.h"
+#include "core/frame/for_lights.h"
 #include "core/frame/frame_sampler.h"
 
 namespace shadowfit {
@@ -207,6 +209,15 @@ std::vector<ShadowProjection> ProjectionsOf(const LightSummary& light) {
   return projections;
 }
 
+/// work(i) for every light, side by side; the first light's error, if there is any.
+absl::Status ForEachLight(size_t count, const std::function<absl::Status(size_t)>& work) {
+  std::vector<absl::Status> statuses(count);
+  ForLights(count, [&](size_t i) { statuses[i] = work(i); });
+  const auto failed =
+      std::find_if(statuses.begin(), statuses.end(), [](const absl::Status& status) { return !status.ok(); });
+  return failed == statuses.end() ? absl::OkStatus() : *failed;
+}
+
 }  // namespace
 
 struct FrameOptimizer::Workspace {
@@ -257,11 +268,12 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
 
   std::vector<ShadowProjection> previous(request.lights.size());
   std::vector<SizedLight> fits(request.lights.size());
-  for (size_t i = 0; i < request.lights.size(); ++i) {
+  summary->lights.resize(request.lights.size());
+  const auto fit_light = [&](size_t i) -> absl::Status {
     if (cancellation.Requested()) return CancelledStatus(cancellation);
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightRequest& light = request.lights[i];
-    LightSummary& result = summary->lights.emplace_back();
+    LightSummary& result = summary->lights[i];
     result.id = light.id;
 
     LightProblem& problem = fits[i].problem;
@@ -288,13 +300,15 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     fits[i].fit = *std::move(fit);
     fits[i].weight = light.weight;
     result.seconds = SecondsSince(light_start);
-  }
+    return absl::OkStatus();
+  };
+  if (absl::Status status = ForEachLight(request.lights.size(), fit_light); !status.ok()) return status;
   if (absl::Status status = SizeMaps(options.sizing, *method, request.bits.has_value(), fits); !status.ok()) {
     return status;
   }
   if (cancellation.Requested()) return CancelledStatus(cancellation);
 
-  for (size_t i = 0; i < request.lights.size(); ++i) {
+  const auto describe_light = [&](size_t i) -> absl::Status {
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightSamples& samples = work.samples[i];
     const LightFit& fit = fits[i].fit;
@@ -333,7 +347,9 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
           AssessMaps(*camera, work.ray_spaces[i], samples, ProjectionsOf(result), screen, kUnsampled);
     }
     result.seconds += SecondsSince(light_start);
-  }
+    return absl::OkStatus();
+  };
+  if (absl::Status status = ForEachLight(request.lights.size(), describe_light); !status.ok()) return status;
   if (absl::Status status = FindBiases(*camera, request, screen, work.ray_spaces, cancellation, summary);
       !status.ok()) {
     return status;

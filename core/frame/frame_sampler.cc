@@ -1,11 +1,14 @@
 #include "core/frame/frame_sampler.h"
 
+#include <tbb/enumerable_thread_specific.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <utility>
 
+#include "core/frame/for_lights.h"
 #include "core/frame/pixel_scan.h"
 #include "core/frame/pixel_surfaces.h"
 
@@ -80,6 +83,24 @@ EdgeDirection DirectionOf(unsigned pattern, const glm::dvec2& scale) {
   return {glm::normalize(normal / scale), stretch * 0.5 / (std::abs(normal.x) + std::abs(normal.y))};
 }
 
+/// Working memory of one light at a time.
+struct LightScratch {
+  PixelList concerned;                 ///< Active pixels that the light asks for.
+  std::vector<double> listed_cosines;  ///< Of these.
+  std::vector<double> cosine;          ///< By active pixel, of those concerned.
+  std::vector<Facing> facing;          ///< Likewise.
+  PixelList hull;                      ///< Active pixels that become hull samples.
+  std::vector<EdgeAtHull> edges;
+  std::vector<EdgeAtHull> rough_edges;
+
+  void Clear() {
+    concerned.Clear();
+    hull.Clear();
+    edges.clear();
+    rough_edges.clear();
+  }
+};
+
 }  // namespace
 
 struct FrameSampler::Workspace {
@@ -107,14 +128,8 @@ struct FrameSampler::Workspace {
   PixelDepths active_depths;
   PixelSurfaces surfaces;
 
-  // Per light.
-  PixelList concerned;                 ///< Active pixels that the light asks for.
-  std::vector<double> listed_cosines;  ///< Of these.
-  std::vector<double> cosine;          ///< By active pixel, of those concerned.
-  std::vector<Facing> facing;          ///< Likewise.
-  PixelList hull;                      ///< Active pixels that become hull samples.
-  std::vector<EdgeAtHull> edges;
-  std::vector<EdgeAtHull> rough_edges;
+  // Lights are sampled side by side.
+  tbb::enumerable_thread_specific<LightScratch> scratch;
 
   void Begin(const Camera& frame_camera, const DepthView& frame_depth, MapSize screen, FrameExtent* extent);
   /// Steps to the four neighbours in the planes: along x, then along y.
@@ -140,12 +155,13 @@ struct FrameSampler::Workspace {
   /// Derivative of NDC depth along an axis; false where neither side can be trusted.
   bool DepthDerivative(int x, int y, int dx, int dy, double* derivative) const;
   /// Fills cosine and facing of the pixels in `concerned`.
-  void JudgeFacing(const RaySpace& ray_space);
+  void JudgeFacing(const RaySpace& ray_space, LightScratch* light) const;
   const EdgeDirection& EdgeAt(std::ptrdiff_t i, uint32_t light_bit) const;
-  void SampleBoundary(const RaySpace& ray_space, uint32_t light_bit, LightSamples* samples);
-  void SampleAllVisible(const RaySpace& ray_space, LightSamples* samples);
+  void SampleBoundary(const RaySpace& ray_space, uint32_t light_bit, LightScratch* light,
+                      LightSamples* samples) const;
+  void SampleAllVisible(const RaySpace& ray_space, LightScratch* light, LightSamples* samples) const;
   /// Makes the samples of `hull`, `edges` and `rough_edges`.
-  void MakeSamples(const RaySpace& ray_space, LightSamples* samples);
+  void MakeSamples(const RaySpace& ray_space, LightScratch* light, LightSamples* samples) const;
 };
 
 void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView& frame_depth, MapSize screen,
@@ -295,17 +311,17 @@ void FrameSampler::Workspace::UnprojectActive() {
     active_depths.reliable.push_back(known1 && known2 ? 1 : 0);
   }
   UnprojectPixels(*camera, planes.width, planes.height, active_depths, &surfaces);
-  cosine.resize(surfaces.size());
-  facing.resize(surfaces.size());
 }
 
-void FrameSampler::Workspace::JudgeFacing(const RaySpace& ray_space) {
-  concerned.Pad();
-  LightCosines(surfaces, concerned, ray_space, &listed_cosines);
-  for (size_t k = 0; k < concerned.size(); ++k) {
-    const size_t active = concerned[k];
-    cosine[active] = listed_cosines[k];
-    facing[active] = FacingOf(listed_cosines[k], surfaces.reliable[active] != 0);
+void FrameSampler::Workspace::JudgeFacing(const RaySpace& ray_space, LightScratch* light) const {
+  light->cosine.resize(surfaces.size());
+  light->facing.resize(surfaces.size());
+  light->concerned.Pad();
+  LightCosines(surfaces, light->concerned, ray_space, &light->listed_cosines);
+  for (size_t k = 0; k < light->concerned.size(); ++k) {
+    const size_t active = light->concerned[k];
+    light->cosine[active] = light->listed_cosines[k];
+    light->facing[active] = FacingOf(light->listed_cosines[k], surfaces.reliable[active] != 0);
   }
 }
 
@@ -323,9 +339,10 @@ const EdgeDirection& FrameSampler::Workspace::EdgeAt(std::ptrdiff_t i, uint32_t 
   return edge_directions[pattern];
 }
 
-void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightSamples* samples) {
-  hull.Pad();
-  FillHull(surfaces, hull, ray_space, samples);
+void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightScratch* light,
+                                          LightSamples* samples) const {
+  light->hull.Pad();
+  FillHull(surfaces, light->hull, ray_space, samples);
   const auto add = [&](const std::vector<EdgeAtHull>& from, BoundarySamples* to) {
     to->Reserve(from.size());
     for (const EdgeAtHull& edge : from) {
@@ -334,20 +351,21 @@ void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightSample
               edge.normal, edge.length);
     }
   };
-  add(edges, &samples->boundary);
-  add(rough_edges, &samples->rough_boundary);
+  add(light->edges, &samples->boundary);
+  add(light->rough_edges, &samples->rough_boundary);
 }
 
 void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t light_bit,
-                                             LightSamples* samples) {
-  concerned.Clear();
-  hull.Clear();
-  edges.clear();
-  rough_edges.clear();
+                                             LightScratch* light, LightSamples* samples) const {
+  light->Clear();
+  PixelList& concerned = light->concerned;
+  PixelList& hull = light->hull;
+  const std::vector<double>& cosine = light->cosine;
+  const std::vector<Facing>& facing = light->facing;
   for (size_t i = 0; i < active_pixels.size(); ++i) {
     if (((active_differing[i] | active_rim[i]) & light_bit) != 0) concerned.Add(i);
   }
-  JudgeFacing(ray_space);
+  JudgeFacing(ray_space, light);
   const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
   for (size_t listed = 0; listed < concerned.size(); ++listed) {
     const size_t i = concerned[listed];
@@ -376,31 +394,31 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
     }
     if (crossings + rough_crossings == 0) continue;
     const EdgeDirection& edge = EdgeAt(pixel, light_bit);
-    if (crossings > 0) edges.push_back({at_hull, edge.normal, crossings * edge.length_per_crossing});
+    if (crossings > 0) light->edges.push_back({at_hull, edge.normal, crossings * edge.length_per_crossing});
     if (rough_crossings > 0) {
-      rough_edges.push_back({at_hull, edge.normal, rough_crossings * edge.length_per_crossing});
+      light->rough_edges.push_back({at_hull, edge.normal, rough_crossings * edge.length_per_crossing});
     }
   }
-  MakeSamples(ray_space, samples);
+  MakeSamples(ray_space, light, samples);
 }
 
-void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightSamples* samples) {
-  concerned.Clear();
-  hull.Clear();
-  edges.clear();
-  rough_edges.clear();
-  for (size_t i = 0; i < active_pixels.size(); ++i) concerned.Add(i);
-  JudgeFacing(ray_space);
+void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightScratch* light,
+                                               LightSamples* samples) const {
+  light->Clear();
+  PixelList& hull = light->hull;
+  const std::vector<Facing>& facing = light->facing;
+  for (size_t i = 0; i < active_pixels.size(); ++i) light->concerned.Add(i);
+  JudgeFacing(ray_space, light);
   for (size_t i = 0; i < active_pixels.size(); ++i) {
     if (facing[i] == Facing::kAway || facing[i] == Facing::kGrazing) continue;
     const size_t at_hull = hull.size();
     hull.Add(i);
     if (facing[i] != Facing::kTowards) continue;
     // An edge could run either way.
-    edges.push_back({at_hull, {1.0, 0.0}, 0.5 * pixels_per_sample.y});
-    edges.push_back({at_hull, {0.0, 1.0}, 0.5 * pixels_per_sample.x});
+    light->edges.push_back({at_hull, {1.0, 0.0}, 0.5 * pixels_per_sample.y});
+    light->edges.push_back({at_hull, {0.0, 1.0}, 0.5 * pixels_per_sample.x});
   }
-  MakeSamples(ray_space, samples);
+  MakeSamples(ray_space, light, samples);
 }
 
 FrameSampler::FrameSampler() : workspace_(std::make_unique<Workspace>()) {}
@@ -425,10 +443,11 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
     CopyBits(*bits, all_lights, &work.planes);
     work.FindActive();
     work.UnprojectActive();
-    for (size_t i = 0; i < ray_spaces.size(); ++i) {
-      work.SampleBoundary(ray_spaces[i], uint32_t{1} << i, &(*samples)[i]);
-      if ((*samples)[i].boundary.size() > 0) (*samples)[i].source = SampleSource::kShadowBoundary;
-    }
+    ForLights(ray_spaces.size(), [&](size_t i) {
+      LightSamples& light = (*samples)[i];
+      work.SampleBoundary(ray_spaces[i], uint32_t{1} << i, &work.scratch.local(), &light);
+      if (light.boundary.size() > 0) light.source = SampleSource::kShadowBoundary;
+    });
   }
   const bool all_served = std::all_of(samples->begin(), samples->end(), [](const LightSamples& light) {
     return light.source == SampleSource::kShadowBoundary;
@@ -438,13 +457,13 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
         std::max<size_t>(1, static_cast<size_t>(extent->visible_pixels) / kMostFallbackSamples);
     work.AddAllVisible(stride);
     work.UnprojectActive();
-    for (size_t i = 0; i < ray_spaces.size(); ++i) {
+    ForLights(ray_spaces.size(), [&](size_t i) {
       LightSamples& light = (*samples)[i];
-      if (light.source == SampleSource::kShadowBoundary) continue;
+      if (light.source == SampleSource::kShadowBoundary) return;
       light.Clear();
-      work.SampleAllVisible(ray_spaces[i], &light);
+      work.SampleAllVisible(ray_spaces[i], &work.scratch.local(), &light);
       if (!light.hull_rays.empty()) light.source = SampleSource::kAllVisible;
-    }
+    });
   }
 }
 

@@ -1,13 +1,16 @@
 // Time from a decoded frame to a light matrix, one thread, one light of the plaza seen through 180x180
 // samples: by the paper's optimizer and by the default one, with the number of boundary samples and of
 // objective evaluations. Beside them the method `normal`, which has no optimizer, so that what remains is
-// sampling, and the bare read of the two buffers, the least that any method can take.
+// sampling, and the bare read of the two buffers, the least that any method can take. Then a frame of 32
+// lights on one thread and on two.
 //
 // Repetitions of all benchmarks are interleaved at random, so that a busy moment of the machine does not fall
 // on one of them: read the medians, and their ratios.
 
 #include <benchmark/benchmark.h>
+#include <tbb/task_arena.h>
 
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -35,7 +38,27 @@ struct Prepared {
 struct Study {
   ViewStudy view;
   std::vector<std::unique_ptr<Prepared>> lights;
+  std::vector<uint32_t> bits_of_all;
+  FrameRequest all_lights;
 };
+
+/// 32 lights around the view: point lights and, every fourth, a sun.
+std::vector<Light> LightsAround(const glm::dvec3& ws_center) {
+  std::vector<Light> lights;
+  for (int i = 0; i < kMaxLights; ++i) {
+    // A golden angle apart, from low to high.
+    const double azimuth = 2.399963 * i;
+    const double elevation = 0.25 + 1.1 * i / kMaxLights;
+    const glm::dvec3 towards(std::cos(azimuth) * std::cos(elevation), std::sin(azimuth) * std::cos(elevation),
+                             std::sin(elevation));
+    if (i % 4 == 3) {
+      lights.emplace_back(DirectionalLight{-towards});
+    } else {
+      lights.emplace_back(PointLight{ws_center + 80.0 * towards});
+    }
+  }
+  return lights;
+}
 
 absl::StatusOr<std::unique_ptr<Study>> MakeStudy() {
   absl::StatusOr<Scene> scene = MakePlaza(300'000);
@@ -45,7 +68,7 @@ absl::StatusOr<std::unique_ptr<Study>> MakeStudy() {
   absl::StatusOr<Camera> camera =
       Camera::Create(CameraAt(PlazaStandPoint(), truth->ws_bounds(), ViewOptions{}));
   if (!camera.ok()) return camera.status();
-  auto study = std::make_unique<Study>(Study{ViewStudy::Create(*truth, *camera, kScreen, kSamples), {}});
+  auto study = std::make_unique<Study>(Study{ViewStudy::Create(*truth, *camera, kScreen, kSamples), {}, {}, {}});
   const std::pair<const char*, Light> lights[] = {
       {"point", PointLight{{30.0, -60.0, 80.0}}},
       {"spot", SpotLight{{10.0, 8.0, 14.0}, {-10.0, -8.0, -14.0}, 0.7}},
@@ -64,16 +87,32 @@ absl::StatusOr<std::unique_ptr<Study>> MakeStudy() {
     request.ws_scene_bounds = truth->ws_bounds();
     study->lights.push_back(std::move(prepared));
   }
+
+  FrameRequest& all = study->all_lights;
+  all = study->lights[0]->request;
+  all.lights.clear();
+  for (const Light& light : LightsAround(PlazaStandPoint().ws_target)) {
+    const absl::StatusOr<LightStudy> light_study = LightStudy::Create(*truth, study->view, light);
+    if (!light_study.ok()) return light_study.status();
+    study->bits_of_all.resize(light_study->bits.size());
+    for (size_t k = 0; k < light_study->bits.size(); ++k) {
+      study->bits_of_all[k] |= light_study->bits[k] << all.lights.size();
+    }
+    all.lights.push_back({static_cast<uint32_t>(all.lights.size()), light, kMap, {}});
+  }
+  all.bits = BottomFirst(study->bits_of_all.data(), kSamples.width, kSamples.height);
   return study;
 }
 
-void Optimize(benchmark::State& state, const FrameRequest& request, Method method) {
+void Optimize(benchmark::State& state, const FrameRequest& request, Method method, int threads) {
   FrameOptimizer optimizer;
   FrameSummary summary;
   Options options;
   options.method = method;
+  tbb::task_arena arena(threads);
   for (auto _ : state) {
-    const absl::Status status = optimizer.Optimize(request, options, Cancellation(), &summary);
+    const absl::Status status =
+        arena.execute([&] { return optimizer.Optimize(request, options, Cancellation(), &summary); });
     if (!status.ok()) {
       state.SkipWithError(status.ToString().c_str());
       return;
@@ -108,6 +147,7 @@ int Main(int argc, char** argv) {
   const auto add = [](const std::string& name, auto&& function) {
     benchmark::RegisterBenchmark(name.c_str(), function)
         ->Unit(benchmark::kMicrosecond)
+        ->UseRealTime()
         ->Repetitions(9)
         ->ReportAggregatesOnly();
   };
@@ -115,9 +155,14 @@ int Main(int argc, char** argv) {
     const FrameRequest* request = &light->request;
     for (const Method method : {Method::kPaper, Method::kDefault, Method::kNormal}) {
       add(light->name + "/" + std::string(MethodName(method)),
-          [request, method](benchmark::State& state) { Optimize(state, *request, method); });
+          [request, method](benchmark::State& state) { Optimize(state, *request, method, 1); });
     }
     add(light->name + "/read_buffers", [request](benchmark::State& state) { ReadBuffers(state, *request); });
+  }
+  for (const int threads : {1, 2}) {
+    add("32_lights/default/threads:" + std::to_string(threads), [&study, threads](benchmark::State& state) {
+      Optimize(state, (*study)->all_lights, Method::kDefault, threads);
+    });
   }
   std::string interleave = "--benchmark_enable_random_interleaving=true";
   std::vector<char*> arguments(argv, argv + argc);
