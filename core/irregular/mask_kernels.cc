@@ -863,46 +863,31 @@ HWY_NOINLINE void SetUpEnds(bool directional, int lane, BlockSetup* setup) {
   setup->rows[kEndExtent][lane] = static_cast<float>(extent);
 }
 
-/// One triangle, as the test of a packet reads it.
-struct Prepared {
-  /// Padded largest u and v, and negated smallest, in the order of PacketEntry.
-  alignas(16) float reach[4];
-  const float* column;  ///< Row k is column[k * stride].
-  int stride;
-  float nearest;
+/// Triangles of a set-up block, as the tests of packets read them.
+struct Triangles {
+  const float* rows;  ///< Row k of triangle i is rows[k * kBlock + i].
+  const float* uv;    ///< Row k of its texture coordinates is uv[k * kBlock + i]; may be null.
+  const Caster* caster;
   int axis;  ///< Of w among the ray coordinates, and its sign.
   float sign;
-  bool sliver;
-  const Caster* caster;
-  const float* uv;  ///< Row k of the block's texture coordinates is uv[k * kBlock + lane].
-  int lane;
-
-  HWY_INLINE VF Get(int row) const { return hn::Set(df, column[row * stride]); }
+  uint32_t slivers = 0;  ///< Bit per triangle.
 };
 
-HWY_INLINE Prepared Prepare(const LightFrame& frame, const Face& face, const float* column, int stride,
-                            bool sliver, const Caster* caster, const float* uv, int lane) {
-  return {{kInfinity, kInfinity, kInfinity, kInfinity},
-          column,
-          stride,
-          column[kNearest * stride],
-          frame.directional ? 2 : face.axis,
-          frame.directional ? 1.0f : face.sign,
-          sliver,
-          caster,
-          uv,
-          lane};
+HWY_INLINE Triangles TrianglesOf(const LightFrame& frame, const Face& face, const BlockSetup& setup,
+                                 const Caster* caster, const float* uv) {
+  return {&setup.rows[0][0], uv, caster, frame.directional ? 2 : face.axis,
+          frame.directional ? 1.0f : face.sign};
 }
 
+HWY_INLINE VF Broadcast(const float* triangle, int row) { return hn::Set(df, triangle[row * kBlock]); }
+
 HWY_INLINE const float* PacketFloats(const MaskState& state, uint32_t packet) {
-  const bool sorted = packet >= state.first_sorted;
-  return (sorted ? state.sorted_packets : state.packets) +
-         static_cast<size_t>(sorted ? packet - state.first_sorted : packet) * kPacketFloats;
+  return state.packets[packet >= state.first_sorted] + static_cast<size_t>(packet) * kPacketFloats;
 }
 
 /// Of the lanes in `bits`, those where the cutout's texture is opaque.
 template <bool kDirectional>
-HWY_NOINLINE uint32_t OpaqueLanes(const Prepared& t, const float* packet, uint32_t bits) {
+HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, int triangle, const float* packet, uint32_t bits) {
   uint32_t opaque = 0;
   for (uint32_t left = bits; left != 0; left &= left - 1) {
     const int i = std::countr_zero(left);
@@ -914,31 +899,31 @@ HWY_NOINLINE uint32_t OpaqueLanes(const Prepared& t, const float* packet, uint32
     for (int corner = 0; corner < 3; ++corner) {
       const int edge = (corner + 1) % 3;
       float e = 0.0f;
-      for (int k = 0; k < 3; ++k) e += t.column[(kEdge + 3 * edge + k) * t.stride] * r[k];
+      for (int k = 0; k < 3; ++k) e += t.rows[(kEdge + 3 * edge + k) * kBlock + triangle] * r[k];
       weight[corner] = std::max(e, 0.0f);
       sum += weight[corner];
     }
     glm::vec2 uv(0.0f);
     for (int corner = 0; corner < 3; ++corner) {
       const float b = sum > 0.0f ? weight[corner] / sum : 1.0f / 3.0f;
-      uv += b * glm::vec2(t.uv[(2 * corner) * kBlock + t.lane], t.uv[(2 * corner + 1) * kBlock + t.lane]);
+      uv += b * glm::vec2(t.uv[(2 * corner) * kBlock + triangle], t.uv[(2 * corner + 1) * kBlock + triangle]);
     }
     if (t.caster->alpha->AlphaAt(uv) >= t.caster->alpha_cutoff) opaque |= 1u << i;
   }
   return opaque;
 }
 
-HWY_NOINLINE void Absorb(const MaskState& state, const Caster& caster, uint32_t packet, uint32_t bits) {
+HWY_INLINE void Absorb(const MaskState& state, const Caster& caster, uint32_t packet, uint32_t bits) {
   std::atomic_ref<uint8_t> lock(state.packet_lock[packet]);
   while (lock.exchange(1, std::memory_order_acquire) != 0) {
   }
-  uint32_t* sums = state.absorbance + static_cast<size_t>(packet) * 3 * kPacket;
+  uint32_t* sums = state.absorbance + static_cast<size_t>(packet) * state.channels * kPacket;
   uint8_t bytes[8] = {};
   for (int i = 0; i < kPacket; i += kLanes) {
     const uint32_t lane_bits = bits >> i;
     std::memcpy(bytes, &lane_bits, sizeof(lane_bits));
     const auto mask = hn::LoadMaskBits(du, bytes);
-    for (int channel = 0; channel < 3; ++channel) {
+    for (size_t channel = 0; channel < state.channels; ++channel) {
       uint32_t* sum = sums + channel * kPacket + i;
       const auto more = hn::IfThenElseZero(mask, hn::Set(du, caster.absorbance[channel]));
       hn::Store(hn::Min(hn::Add(hn::Load(du, sum), more), hn::Set(du, kAbsorbanceMax)), du, sum);
@@ -947,84 +932,101 @@ HWY_NOINLINE void Absorb(const MaskState& state, const Caster& caster, uint32_t 
   lock.store(0, std::memory_order_release);
 }
 
+HWY_INLINE uint32_t LoadBits(uint16_t& word) {
+  return std::atomic_ref<uint16_t>(word).load(std::memory_order_relaxed);
+}
+
+/// Returns what was set before. A thread that has its words for itself needs no locked instruction.
+HWY_INLINE uint32_t SetBits(bool shared, uint16_t& word, uint32_t bits) {
+  std::atomic_ref<uint16_t> atomic(word);
+  if (shared) return atomic.fetch_or(static_cast<uint16_t>(bits), std::memory_order_relaxed);
+  const uint32_t old = atomic.load(std::memory_order_relaxed);
+  atomic.store(static_cast<uint16_t>(old | bits), std::memory_order_relaxed);
+  return old;
+}
+
 /// Relaxed atomics suffice: bits are only ever set, and are read after the threads have joined, or earlier
 /// only to skip work that could not change them.
 template <bool kDirectional>
-HWY_NOINLINE void Record(const MaskState& state, const Prepared& t, uint32_t packet, uint32_t behind,
-                         uint32_t on) {
-  std::atomic_ref<uint16_t> shadow(state.shadow[packet]);
-  const uint32_t known = shadow.load(std::memory_order_relaxed);
-  behind &= ~known;
-  on &= ~known;
-  if ((behind | on) == 0) return;
+HWY_INLINE void Record(const MaskState& state, const Triangles& t, int triangle, uint32_t packet,
+                       const float* values, uint32_t behind, uint32_t on) {
   if (t.caster->alpha != nullptr) {
-    const float* values = PacketFloats(state, packet);
-    const uint32_t opaque = OpaqueLanes<kDirectional>(t, values, behind | on);
+    if ((behind | on) == 0) return;
+    const uint32_t opaque = OpaqueLanes<kDirectional>(t, triangle, values, behind | on);
     behind &= opaque;
     on &= opaque;
   }
-  if (behind != 0) {
-    if (t.caster->transmits) {
-      Absorb(state, *t.caster, packet, behind);
-    } else {
-      shadow.fetch_or(static_cast<uint16_t>(behind), std::memory_order_relaxed);
-    }
+  if (t.caster->transmits) {
+    if (behind != 0) Absorb(state, *t.caster, packet, behind);
+  } else {
+    SetBits(state.shared, state.shadow[packet], behind);
   }
   if (on != 0) {
-    std::atomic_ref<uint16_t> touched(state.touched[packet]);
-    const uint32_t again = touched.fetch_or(static_cast<uint16_t>(on), std::memory_order_relaxed) & on;
-    if (again != 0) {
-      std::atomic_ref<uint16_t> twice(state.touched_twice[packet]);
-      twice.fetch_or(static_cast<uint16_t>(again), std::memory_order_relaxed);
-    }
+    const uint32_t again = SetBits(state.shared, state.touched[packet], on) & on;
+    if (again != 0) SetBits(state.shared, state.touched_twice[packet], again);
   }
 }
 
-HWY_INLINE MF BetweenEnds(const Prepared& t, bool directional, VF x, VF y, VF z) {
-  const VF reach = hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), directional ? t.Get(kEndExtent) : hn::Abs(z));
+HWY_INLINE MF BetweenEnds(const float* triangle, bool directional, VF x, VF y, VF z) {
+  const VF reach =
+      hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), directional ? Broadcast(triangle, kEndExtent) : hn::Abs(z));
   MF between = hn::Eq(x, x);
   for (int end = 0; end < 2; ++end) {
-    const VF third = t.Get(kEnd + 3 * end + 2);
+    const int n = kEnd + 3 * end;
+    const VF third = Broadcast(triangle, n + 2);
     const VF e =
-        hn::MulAdd(t.Get(kEnd + 3 * end), x,
-                   hn::MulAdd(t.Get(kEnd + 3 * end + 1), y, directional ? third : hn::Mul(third, z)));
-    between = hn::And(between, hn::Ge(hn::MulAdd(t.Get(kEndMargin + end), reach, e), hn::Zero(df)));
+        hn::MulAdd(Broadcast(triangle, n), x,
+                   hn::MulAdd(Broadcast(triangle, n + 1), y, directional ? third : hn::Mul(third, z)));
+    between =
+        hn::And(between, hn::Ge(hn::MulAdd(Broadcast(triangle, kEndMargin + end), reach, e), hn::Zero(df)));
   }
   return between;
 }
 
+/// The samples of a packet that lie in the cone of a triangle's corners.
 template <bool kDirectional>
-HWY_INLINE void TestPacket(const MaskState& state, const Prepared& t, uint32_t packet, uint32_t lanes) {
-  const float* values = PacketFloats(state, packet);
+HWY_INLINE uint32_t InsideEdges(const float* triangle, const float* values) {
+  uint32_t bits = 0;
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const VF x = hn::Load(df, values + i);
+    const VF y = hn::Load(df, values + kPacket + i);
+    const VF z = hn::Load(df, values + 2 * kPacket + i);
+    const auto inside_edge = [&](int edge) HWY_ATTR {
+      const int n = kEdge + 3 * edge;
+      const VF third = kDirectional ? Broadcast(triangle, n + 2) : hn::Mul(Broadcast(triangle, n + 2), z);
+      const VF e = hn::MulAdd(Broadcast(triangle, n), x, hn::MulAdd(Broadcast(triangle, n + 1), y, third));
+      return hn::Gt(e, Broadcast(triangle, kThreshold + edge));
+    };
+    bits |= BitsOf(hn::And(hn::And(inside_edge(0), inside_edge(1)), inside_edge(2))) << i;
+  }
+  return bits;
+}
+
+/// Of the samples in `inside`, which lie in the cone of the corners: are they behind the triangle?
+template <bool kDirectional>
+HWY_INLINE void TestPlane(const MaskState& state, const Triangles& t, int triangle, uint32_t packet,
+                          const float* values, uint32_t inside) {
+  const float* column = t.rows + triangle;
   uint32_t behind = 0, on = 0;
   for (int i = 0; i < kPacket; i += kLanes) {
     const VF x = hn::Load(df, values + i);
     const VF y = hn::Load(df, values + kPacket + i);
     const VF z = hn::Load(df, values + 2 * kPacket + i);
-    const auto inside_edge = [&](int edge) {
-      const int n = kEdge + 3 * edge;
-      const VF third = kDirectional ? t.Get(n + 2) : hn::Mul(t.Get(n + 2), z);
-      const VF e = hn::MulAdd(t.Get(n), x, hn::MulAdd(t.Get(n + 1), y, third));
-      return hn::Gt(e, t.Get(kThreshold + edge));
-    };
-    MF inside = hn::And(hn::And(inside_edge(0), inside_edge(1)), inside_edge(2));
-    if (hn::AllFalse(df, inside)) continue;
-    // The packet's test above, for each sample: so that the answer does not depend on the packet.
+    // The test of an entry's farthest sample, for each: so that the answer does not depend on the packet.
     const VF w = hn::Mul(hn::Load(df, values + t.axis * kPacket + i), hn::Set(df, t.sign));
-    inside = hn::And(inside, hn::Ge(w, hn::Set(df, t.nearest)));
-    if (t.sliver) inside = hn::And(inside, BetweenEnds(t, kDirectional, x, y, z));
-    const VF height =
-        hn::Sub(hn::MulAdd(t.Get(kPlane), x, hn::MulAdd(t.Get(kPlane + 1), y, hn::Mul(t.Get(kPlane + 2), z))),
-                t.Get(kPlaneD));
-    const VF bound = hn::Mul(t.Get(kPlaneLength), hn::Load(df, values + 3 * kPacket + i));
-    const MF is_behind = hn::And(inside, hn::Gt(height, bound));
-    const MF is_on = hn::And(inside, hn::Le(hn::Abs(height), bound));
-    behind |= BitsOf(is_behind) << i;
-    on |= BitsOf(is_on) << i;
+    MF lanes = hn::Ge(w, Broadcast(column, kNearest));
+    if ((t.slivers >> triangle & 1u) != 0) {
+      lanes = hn::And(lanes, BetweenEnds(column, kDirectional, x, y, z));
+    }
+    const VF height = hn::Sub(
+        hn::MulAdd(Broadcast(column, kPlane), x,
+                   hn::MulAdd(Broadcast(column, kPlane + 1), y, hn::Mul(Broadcast(column, kPlane + 2), z))),
+        Broadcast(column, kPlaneD));
+    const VF bound = hn::Mul(Broadcast(column, kPlaneLength), hn::Load(df, values + 3 * kPacket + i));
+    behind |= BitsOf(hn::And(lanes, hn::Gt(height, bound))) << i;
+    on |= BitsOf(hn::And(lanes, hn::Le(hn::Abs(height), bound))) << i;
   }
-  behind &= lanes;
-  on &= lanes;
-  if ((behind | on) != 0) Record<kDirectional>(state, t, packet, behind, on);
+  Record<kDirectional>(state, t, triangle, packet, values, behind & inside, on & inside);
 }
 
 /// A convex polygon in plane coordinates of a face, which encloses what the triangle covers of it.
@@ -1035,11 +1037,14 @@ struct Outline {
   float u_min, u_max, v_min, v_max;
 };
 
-HWY_INLINE void SetReach(const Outline& o, Prepared* t) {
-  t->reach[0] = o.u_max + o.pad_u;
-  t->reach[1] = o.v_max + o.pad_v;
-  t->reach[2] = o.pad_u - o.u_min;
-  t->reach[3] = o.pad_v - o.v_min;
+/// Padded largest u and v, and negated smallest: what entries must not exceed.
+struct Reach {
+  float u, v, minus_u, minus_v;
+  float nearest;
+};
+
+HWY_INLINE Reach ReachOf(const Outline& o, float nearest) {
+  return {o.u_max + o.pad_u, o.v_max + o.pad_v, o.pad_u - o.u_min, o.pad_v - o.v_min, nearest};
 }
 
 HWY_INLINE void MeasureOutline(Outline* o) {
@@ -1053,17 +1058,17 @@ HWY_INLINE void MeasureOutline(Outline* o) {
   }
 }
 
-/// All of its samples are in shadow, or there is none.
-HWY_INLINE bool IsDecided(const MaskState& state, uint32_t packet) {
-  return std::atomic_ref<uint16_t>(state.shadow[packet]).load(std::memory_order_relaxed) == 0xFFFF;
-}
-
 /// Every packet of a run of sorted samples.
 template <bool kDirectional>
-HWY_INLINE void TestRun(const MaskState& state, const Prepared& t, uint32_t first, uint32_t end) {
+HWY_INLINE void TestRun(const MaskState& state, const Triangles& t, int triangle, uint32_t first,
+                        uint32_t end) {
   if (first >= end) return;
   for (uint32_t p = first / kPacket; p <= (end - 1) / kPacket; ++p) {
-    if (!IsDecided(state, p)) TestPacket<kDirectional>(state, t, p, 0xFFFFu);
+    const uint32_t live = 0xFFFFu & ~LoadBits(state.shadow[p]);
+    if (live == 0) continue;
+    const float* values = PacketFloats(state, p);
+    const uint32_t inside = InsideEdges<kDirectional>(t.rows + triangle, values) & live;
+    if (inside != 0) TestPlane<kDirectional>(state, t, triangle, p, values, inside);
   }
 }
 
@@ -1098,43 +1103,39 @@ HWY_INLINE bool FindBlockRuns(const MaskState& state, const Face& face, MF lanes
   return entries <= kEntriesOfTriangle * triangles;
 }
 
-/// Collects pairs of triangle and packet whose bounds overlap and tests them later: the loads of the next
-/// ones are then under way while one is tested.
+/// Collects pairs of triangle and entry whose bounds overlap and tests them later, in steps that have few
+/// branches to foretell, and with the loads of the next packets under way.
 template <bool kDirectional>
-class PacketQueue {
+class PairQueue {
  public:
-  explicit PacketQueue(const MaskState& state) : state_(state) {}
+  PairQueue(const MaskState& state, const Triangles& triangles) : state_(state), triangles_(triangles) {}
 
-  /// Entries [first, end) of one row, but for those with a flag in `unwanted`, against triangle `t`, which
-  /// must outlive Flush.
-  HWY_INLINE void Add(const Prepared* t, uint32_t first, uint32_t end, uint32_t unwanted) {
-    const EntryArrays& entries = state_.entries;
+  /// Entries [first, end) of one row, but for those with a flag in `unwanted`, against a triangle.
+  HWY_INLINE void Add(int triangle, const Reach& reach, uint32_t first, uint32_t end, uint32_t unwanted) {
+    const EntryArrays entries = state_.entries;
+    const auto numbers =
+        hn::Or(hn::ShiftLeft<kTriangleBits>(hn::Iota(du, 0)), hn::Set(du, static_cast<uint32_t>(triangle)));
     for (uint32_t e = first; e < end; e += kLanes) {
-      const auto packets = hn::LoadU(du, entries.packet + e);
       MF keep = hn::FirstN(df, std::min<size_t>(end - e, kLanes));
-      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.u_min + e), hn::Set(df, t->reach[0])));
-      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.v_min + e), hn::Set(df, t->reach[1])));
-      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.minus_u_max + e), hn::Set(df, t->reach[2])));
-      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.minus_v_max + e), hn::Set(df, t->reach[3])));
-      keep = hn::And(keep, hn::Ge(hn::LoadU(df, entries.farthest + e), hn::Set(df, t->nearest)));
-      const auto wanted = hn::Eq(hn::And(packets, hn::Set(du, unwanted)), hn::Zero(du));
-      for (uint32_t bits = BitsOf(hn::And(keep, hn::RebindMask(df, wanted))); bits != 0; bits &= bits - 1) {
-        const uint32_t at = e + static_cast<uint32_t>(std::countr_zero(bits));
-        const uint32_t p = entries.packet[at] & ~kRepeated;
-        entries_[count_] = {t, p, entries.lanes[at]};
-        // Kept or not is hard to foretell: no branch.
-        count_ += static_cast<int>(!IsDecided(state_, p));
-        Prefetch(p);
-        if (count_ == kCapacity) Flush();
-      }
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.u_min + e), hn::Set(df, reach.u)));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.v_min + e), hn::Set(df, reach.v)));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.minus_u_max + e), hn::Set(df, reach.minus_u)));
+      keep = hn::And(keep, hn::Le(hn::LoadU(df, entries.minus_v_max + e), hn::Set(df, reach.minus_v)));
+      keep = hn::And(keep, hn::Ge(hn::LoadU(df, entries.farthest + e), hn::Set(df, reach.nearest)));
+      const auto wanted =
+          hn::Eq(hn::And(hn::LoadU(du, entries.packet + e), hn::Set(du, unwanted)), hn::Zero(du));
+      keep = hn::And(keep, hn::RebindMask(df, wanted));
+      Push(hn::Add(numbers, hn::Set(du, e << kTriangleBits)), keep, ~0u);
     }
   }
 
-  /// Entries of runs against the triangles in `lanes`, each of which has the box and `nearest` of its lane.
-  HWY_INLINE void AddBlock(const Prepared* triangles, const BlockRuns& runs, MF lanes, VF u, VF v, VF minus_u,
-                           VF minus_v, VF nearest) {
-    const EntryArrays& entries = state_.entries;
+  /// Entries of runs against the triangles in `lanes`, the first of which is number `offset`; each has the
+  /// reach of its lane.
+  HWY_INLINE void AddBlock(int offset, const BlockRuns& runs, MF lanes, VF u, VF v, VF minus_u, VF minus_v,
+                           VF nearest) {
+    const EntryArrays entries = state_.entries;
     u = hn::IfThenElse(lanes, u, hn::Set(df, -kInfinity));
+    const auto numbers = hn::Add(hn::Iota(du, 0), hn::Set(du, static_cast<uint32_t>(offset)));
     uint32_t unwanted = 0;
     for (int run = 0; run < runs.count; ++run, unwanted = kRepeated) {
       for (uint32_t e = runs.first[run]; e < runs.end[run]; ++e) {
@@ -1143,41 +1144,78 @@ class PacketQueue {
         keep = hn::And(keep, hn::Ge(minus_u, hn::Set(df, entries.minus_u_max[e])));
         keep = hn::And(keep, hn::Ge(minus_v, hn::Set(df, entries.minus_v_max[e])));
         keep = hn::And(keep, hn::Le(nearest, hn::Set(df, entries.farthest[e])));
-        uint32_t bits = BitsOf(keep);
-        const uint32_t flagged = entries.packet[e];
-        if (bits == 0 || (flagged & unwanted) != 0) continue;
-        const uint32_t p = flagged & ~kRepeated;
-        if (IsDecided(state_, p)) continue;
-        Prefetch(p);
-        const uint32_t lanes_of_entry = entries.lanes[e];
-        if (count_ + kLanes > kCapacity) Flush();
-        for (; bits != 0; bits &= bits - 1)
-          entries_[count_++] = {triangles + std::countr_zero(bits), p, lanes_of_entry};
+        const uint32_t packet = entries.packet[e];
+        const uint32_t live = entries.lanes[e] & ~LoadBits(state_.shadow[packet & ~kRepeated]);
+        Push(hn::Or(numbers, hn::Set(du, e << kTriangleBits)), keep,
+             (packet & unwanted) == 0 && live != 0 ? ~0u : 0u);
       }
     }
   }
 
   HWY_INLINE void Flush() {
-    for (int i = 0; i < count_; ++i)
-      TestPacket<kDirectional>(state_, *entries_[i].triangle, entries_[i].packet, entries_[i].lanes);
+    if (count_ > 0) Test();
     count_ = 0;
   }
 
  private:
-  HWY_INLINE void Prefetch(uint32_t p) const {
-    const float* values = PacketFloats(state_, p);
-    for (int row = 0; row < 4; ++row) hwy::Prefetch(values + row * kPacket);
+  /// A pair is an entry's number times kBlock plus the triangle's in its block. There are at most
+  /// kMostEntriesOfTile entries a tile, and 2^24 tiles.
+  static constexpr int kTriangleBits = 4;
+  static_assert(kBlock == 1 << kTriangleBits);
+  static constexpr uint32_t kCapacity = 128;
+  static constexpr uint32_t kAhead = 6;
+
+  /// Kept or not is hard to foretell: no branch.
+  HWY_INLINE void Push(hn::Vec<DU> pairs, MF keep, uint32_t all) {
+    const uint32_t bits = BitsOf(keep) & all;
+    hn::StoreU(hn::Compress(pairs, hn::RebindMask(du, keep)), du, pairs_ + count_);
+    count_ += static_cast<uint32_t>(std::popcount(bits));
+    if (count_ > kCapacity) Flush();
   }
 
-  static constexpr int kCapacity = 64;
-  struct Entry {
-    const Prepared* triangle;
-    uint32_t packet;
-    uint32_t lanes;
-  };
+  HWY_INLINE uint32_t PacketOf(uint32_t pair) const {
+    return state_.entries.packet[pair >> kTriangleBits] & ~kRepeated;
+  }
+
+  HWY_INLINE void Prefetch(uint32_t pair) const {
+    const float* values = PacketFloats(state_, PacketOf(pair));
+    for (int row = 0; row < 3; ++row) hwy::Prefetch(values + row * kPacket);
+  }
+
+  HWY_NOINLINE void Test() {
+    // 1. Which pairs have a sample inside the edges.
+    struct Hit {
+      uint32_t packet;
+      uint16_t inside;
+      uint16_t triangle;
+    };
+    Hit hits[kCapacity + kLanes];
+    uint32_t hit_count = 0;
+    const uint32_t count = count_;
+    std::fill_n(pairs_ + count, kAhead, pairs_[count - 1]);
+    for (uint32_t i = 0; i < std::min(kAhead, count); ++i) Prefetch(pairs_[i]);
+    for (uint32_t i = 0; i < count; ++i) {
+      Prefetch(pairs_[i + kAhead]);
+      const uint32_t pair = pairs_[i];
+      const uint32_t packet = PacketOf(pair);
+      const uint32_t triangle = pair % kBlock;
+      const uint32_t live = state_.entries.lanes[pair >> kTriangleBits] & ~LoadBits(state_.shadow[packet]);
+      const uint32_t inside =
+          InsideEdges<kDirectional>(triangles_.rows + triangle, PacketFloats(state_, packet)) & live;
+      hits[hit_count] = {packet, static_cast<uint16_t>(inside), static_cast<uint16_t>(triangle)};
+      hit_count += static_cast<uint32_t>(inside != 0);
+    }
+    // 2. Where those samples are.
+    for (uint32_t i = 0; i < hit_count; ++i) {
+      TestPlane<kDirectional>(state_, triangles_, hits[i].triangle, hits[i].packet,
+                              PacketFloats(state_, hits[i].packet), hits[i].inside);
+    }
+  }
+
   const MaskState& state_;
-  Entry entries_[kCapacity];
-  int count_ = 0;
+  const Triangles& triangles_;
+  uint32_t pairs_[kCapacity + 2 * kPacket];
+  uint32_t count_ = 0;
 };
 
 /// Rows [row_begin, row_end) of a larger outline, whose first row is first_row: the range of u that it covers
@@ -1185,8 +1223,10 @@ class PacketQueue {
 /// edges cross its two borders. A packet in several rows is looked at in the first of them that belongs to
 /// the outline, whose slab therefore reaches as far up as packets may.
 template <bool kDirectional>
-HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face& face, const Outline& o,
-                           int first_row, int row_begin, int row_end, PacketQueue<kDirectional>* queue) {
+HWY_NOINLINE void TestRows(const MaskState& state, int triangle, float nearest, const Face& face,
+                           const Outline& o, int first_row, int row_begin, int row_end,
+                           PairQueue<kDirectional>* queue) {
+  const Reach box = ReachOf(o, nearest);
   struct Edge {
     float u, v, v_end, slope;
   };
@@ -1239,7 +1279,7 @@ HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face
       if (!(span[i] >= 0.0f)) continue;
       const auto row_columns = static_cast<uint32_t>(row + i) * static_cast<uint32_t>(face.columns);
       const uint32_t* starts = state.cell_start + face.first_cell;
-      queue->Add(&t, starts[row_columns + static_cast<uint32_t>(first[i])],
+      queue->Add(triangle, box, starts[row_columns + static_cast<uint32_t>(first[i])],
                  starts[row_columns + static_cast<uint32_t>(last[i]) + 1],
                  row + i > first_row ? kRepeated : 0);
     }
@@ -1247,8 +1287,9 @@ HWY_NOINLINE void TestRows(const MaskState& state, const Prepared& t, const Face
 }
 
 template <bool kDirectional>
-HWY_NOINLINE void TestBsp(const MaskState& state, const Prepared& t, const std::vector<BspNode>& nodes,
-                          const Outline& o) {
+HWY_NOINLINE void TestBsp(const MaskState& state, const Triangles& t, int triangle,
+                          const std::vector<BspNode>& nodes, const Outline& o) {
+  const float nearest = t.rows[kNearest * kBlock + triangle];
   if (nodes.empty()) return;
   int32_t stack[64];
   int depth = 0;
@@ -1257,11 +1298,11 @@ HWY_NOINLINE void TestBsp(const MaskState& state, const Prepared& t, const std::
     const int32_t at = stack[--depth];
     const BspNode& node = nodes[static_cast<size_t>(at)];
     if (node.u_min > o.u_max + o.pad_u || node.u_max < o.u_min - o.pad_u || node.v_min > o.v_max + o.pad_v ||
-        node.v_max < o.v_min - o.pad_v || t.nearest > node.farthest) {
+        node.v_max < o.v_min - o.pad_v || nearest > node.farthest) {
       continue;
     }
     if (node.right < 0) {
-      TestRun<kDirectional>(state, t, node.first_sample, node.end_sample);
+      TestRun<kDirectional>(state, t, triangle, node.first_sample, node.end_sample);
     } else {
       stack[depth++] = node.right;
       stack[depth++] = at + 1;
@@ -1275,9 +1316,9 @@ constexpr uint32_t kDeferPackets = 1024;
 
 /// A larger triangle, or one that was clipped.
 template <bool kDirectional>
-HWY_NOINLINE void TestOutline(const MaskState& state, const Prepared& t, const Face& face, int face_index,
-                              const Outline& o, std::vector<DeferredTriangle>* deferred,
-                              PacketQueue<kDirectional>* queue) {
+HWY_NOINLINE void TestOutline(const MaskState& state, const Triangles& t, int triangle, const Face& face,
+                              int face_index, const Outline& o, std::vector<DeferredTriangle>* deferred,
+                              PairQueue<kDirectional>* queue) {
   const int row_begin = ScalarSubrow(face, o.v_min - o.pad_v) / kSubrows;
   const int row_end = ScalarSubrow(face, o.v_max + o.pad_v) / kSubrows + 1;
   if (deferred != nullptr && row_end - row_begin > kDeferRows && deferred->size() < deferred->capacity()) {
@@ -1287,21 +1328,21 @@ HWY_NOINLINE void TestOutline(const MaskState& state, const Prepared& t, const F
     const float share = (o.u_max - o.u_min) / std::max(face.u_max - face.u_min, 1e-30f);
     if (static_cast<float>(entries) * std::min(share, 1.0f) > static_cast<float>(kDeferPackets)) {
       DeferredTriangle& d = deferred->emplace_back();
-      for (int row = 0; row < kRows; ++row) d.values[row] = t.column[row * t.stride];
+      for (int row = 0; row < kRows; ++row) d.values[row] = t.rows[row * kBlock + triangle];
       std::copy(o.u, o.u + 8, d.u);
       std::copy(o.v, o.v + 8, d.v);
       d.corners = o.corners;
       d.face = face_index;
       d.pad_u = o.pad_u;
       d.pad_v = o.pad_v;
-      d.sliver = t.sliver;
+      d.sliver = (t.slivers >> triangle & 1u) != 0;
       d.caster = t.caster;
-      d.uv = t.uv;
-      d.lane = t.lane;
+      d.uv = t.uv == nullptr ? nullptr : t.uv + triangle;
       return;
     }
   }
-  TestRows<kDirectional>(state, t, face, o, row_begin, row_begin, row_end, queue);
+  TestRows<kDirectional>(state, triangle, t.rows[kNearest * kBlock + triangle], face, o, row_begin, row_begin,
+                         row_end, queue);
 }
 
 /// Clips a triangle that crosses the light's plane of this face, or spans very much of it, to the samples'
@@ -1374,8 +1415,6 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
   const bool exhaustive = state.search == Search::kExhaustive;
   BlockSetup setup;
   HWY_ALIGN float u[3][kLanes], v[3][kLanes], pads[kLanes];
-  Prepared prepared[kLanes];
-  PacketQueue<kDirectional> queue(state);
   for (int offset = 0; offset < kBlock; offset += kLanes) {
     Corner corners[3];
     TransformBlock(*state.frame, geometry, offset, corners);
@@ -1446,7 +1485,13 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         hn::Store(p[corner].u, df, u[corner]);
         hn::Store(p[corner].v, df, v[corner]);
       }
-      const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
+      Triangles triangles = TrianglesOf(*state.frame, face, setup, blocks.caster, uv);
+      triangles.slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread)))) << offset;
+      for (uint32_t bits = (quick_bits | clipped_bits) & triangles.slivers >> offset; bits != 0;
+           bits &= bits - 1) {
+        SetUpEnds(kDirectional, offset + std::countr_zero(bits), &setup);
+      }
+      PairQueue<kDirectional> queue(state, triangles);
 
       // 3. Small triangles that lie together: the entries of all of them, each against all lanes at once.
       const VF box_u = hn::Add(u_high, pad), box_v = hn::Add(v_high, pad);
@@ -1459,7 +1504,7 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
 
       // 4. Else runs of entries of those that cover no more than two rows of cells, all lanes at once.
       HWY_ALIGN uint32_t first[2][kLanes], end[2][kLanes];
-      HWY_ALIGN float box[4][kLanes];
+      HWY_ALIGN float box[5][kLanes];
       uint32_t small_bits = 0;
       if (state.search == Search::kGrid && !together) {
         const VI row_low = hn::ShiftRight<kSubrowShift>(SubrowOf(face, hn::Sub(v_low, pad)));
@@ -1472,6 +1517,7 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
           hn::Store(box_v, df, box[1]);
           hn::Store(box_minus_u, df, box[2]);
           hn::Store(box_minus_v, df, box[3]);
+          hn::Store(nearest, df, box[4]);
           const int* starts = reinterpret_cast<const int*>(state.cell_start + face.first_cell);
           for (int run = 0; run < 2; ++run) {
             const VI row = run == 0 ? row_low : row_high;
@@ -1490,18 +1536,11 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         const int i = std::countr_zero(bits);
         const int lane = offset + i;
         const bool is_quick = (quick_bits >> i & 1u) != 0;
-        const bool sliver = (slivers >> i & 1u) != 0;
-        if (sliver) SetUpEnds(kDirectional, lane, &setup);
-        Prepared& t = prepared[i];
-        if (together && is_quick) {
-          t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
-          continue;
-        }
+        if (together && is_quick) continue;
         if ((small_bits >> i & 1u) != 0) {
-          t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
-          for (int k = 0; k < 4; ++k) t.reach[k] = box[k][i];
-          queue.Add(&t, first[0][i], end[0][i], 0);
-          queue.Add(&t, first[1][i], end[1][i], kRepeated);
+          const Reach reach = {box[0][i], box[1][i], box[2][i], box[3][i], box[4][i]};
+          queue.Add(lane, reach, first[0][i], end[0][i], 0);
+          queue.Add(lane, reach, first[1][i], end[1][i], kRepeated);
           continue;
         }
         Outline outline;
@@ -1522,18 +1561,18 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
         } else {
           setup.rows[kNearest][lane] = -kInfinity;
         }
-        t = Prepare(*state.frame, face, &setup.rows[0][lane], kBlock, sliver, blocks.caster, uv, lane);
         if (exhaustive) {
-          TestRun<kDirectional>(state, t, face.first_packet * kPacket, face.end_packet * kPacket);
+          TestRun<kDirectional>(state, triangles, lane, face.first_packet * kPacket,
+                                face.end_packet * kPacket);
         } else if (state.search == Search::kBsp) {
-          TestBsp<kDirectional>(state, t, state.bsp[f], outline);
+          TestBsp<kDirectional>(state, triangles, lane, state.bsp[f], outline);
         } else {
-          SetReach(outline, &t);
-          TestOutline<kDirectional>(state, t, face, f, outline, deferred, &queue);
+          TestOutline<kDirectional>(state, triangles, lane, face, f, outline, deferred, &queue);
         }
       }
-      if (together)
-        queue.AddBlock(prepared, runs, LanesOf(quick_bits), box_u, box_v, box_minus_u, box_minus_v, nearest);
+      if (together) {
+        queue.AddBlock(offset, runs, LanesOf(quick_bits), box_u, box_v, box_minus_u, box_minus_v, nearest);
+      }
       queue.Flush();
     }
   }
@@ -1559,19 +1598,21 @@ void WalkDeferredImpl(const MaskState& state, const DeferredTriangle& triangle, 
   outline.pad_v = triangle.pad_v;
   MeasureOutline(&outline);
   const Face& face = state.faces[triangle.face];
-  Prepared t = Prepare(*state.frame, face, triangle.values, 1, triangle.sliver, triangle.caster, triangle.uv,
-                       triangle.lane);
-  SetReach(outline, &t);
+  BlockSetup setup;
+  for (int row = 0; row < kRows; ++row) setup.rows[row][0] = triangle.values[row];
+  Triangles t = TrianglesOf(*state.frame, face, setup, triangle.caster, triangle.uv);
+  t.slivers = triangle.sliver ? 1 : 0;
+  const float nearest = triangle.values[kNearest];
   const int first_row = ScalarSubrow(face, outline.v_min - outline.pad_v) / kSubrows;
   const int first = std::max(row_begin, first_row);
   const int end = std::min(row_end, ScalarSubrow(face, outline.v_max + outline.pad_v) / kSubrows + 1);
   if (state.frame->directional) {
-    PacketQueue<true> queue(state);
-    TestRows<true>(state, t, face, outline, first_row, first, end, &queue);
+    PairQueue<true> queue(state, t);
+    TestRows<true>(state, 0, nearest, face, outline, first_row, first, end, &queue);
     queue.Flush();
   } else {
-    PacketQueue<false> queue(state);
-    TestRows<false>(state, t, face, outline, first_row, first, end, &queue);
+    PairQueue<false> queue(state, t);
+    TestRows<false>(state, 0, nearest, face, outline, first_row, first, end, &queue);
     queue.Flush();
   }
 }

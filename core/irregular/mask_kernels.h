@@ -185,12 +185,11 @@ struct DeferredTriangle {
   float pad_u = 0, pad_v = 0;
   bool sliver = false;
   const Caster* caster = nullptr;
-  const float* uv = nullptr;
-  int lane = 0;
+  const float* uv = nullptr;  ///< Its own column of the block's.
 };
 
-/// Everything a triangle is tested against. Writes go through atomics and commute, so that neither order nor
-/// thread count changes the outcome.
+/// Everything a triangle is tested against. Writes commute, so that neither order nor thread count changes
+/// the outcome.
 struct MaskState {
   const LightFrame* frame = nullptr;
   const Face* faces = nullptr;
@@ -199,13 +198,15 @@ struct MaskState {
   const uint32_t* cell_start = nullptr;  ///< Of entries.
   EntryArrays entries;
   const std::vector<BspNode>* bsp = nullptr;  ///< One tree a face.
-  const float* packets = nullptr;
-  const float* sorted_packets = nullptr;  ///< Those from first_sorted on.
+  /// Where packet 0 would be, of those below first_sorted, and of those from it on.
+  const float* packets[2] = {nullptr, nullptr};
   uint32_t first_sorted = 0;
+  bool shared = true;           ///< Other threads write to the same words: only atomics will do.
   uint16_t* shadow = nullptr;   ///< Bit per sample: a caster certainly blocks it, or there is no sample.
   uint16_t* touched = nullptr;  ///< Bit per sample: it lies on a caster, within the error bound.
   uint16_t* touched_twice = nullptr;  ///< Bit per sample: on two.
-  uint32_t* absorbance = nullptr;     ///< [packet][3][kPacket], or null where only bits are asked for.
+  uint32_t* absorbance = nullptr;     ///< [packet][channels][kPacket]; null where only bits are asked for.
+  size_t channels = 3;                ///< One where all casters are grey.
   uint8_t* packet_lock = nullptr;     ///< Guards a packet's absorbance.
 };
 

@@ -31,6 +31,8 @@ constexpr size_t kMostDeferred = 256;
 /// Parts of the tiles for each thread: some balance, little to merge.
 constexpr int kChunksPerThread = 1;
 constexpr int kDeferredRows = 8;
+/// So many threads have answers of their own, which are merged in the end; others share theirs.
+constexpr size_t kMostPrivate = 8;
 /// Clusters of a task: enough to hide its overhead, few enough to share small scenes and to cancel soon.
 constexpr size_t kMostClustersPerTask = 16;
 
@@ -105,8 +107,11 @@ struct MaskRenderer::Workspace {
   AlignedBuffer<uint32_t> rank;
   AlignedBuffer<float> sorted_packets;
   AlignedBuffer<float> bsp_packets;
-  // Per packet: tiles, then sorted ones.
+  // Per packet: tiles, then sorted ones. One after the other of `answer_copies`, answer_stride apart; only
+  // the first is used before and after the walk.
   AlignedBuffer<uint16_t> shadow, touched, touched_twice;
+  size_t answer_copies = 1, answer_stride = 0;
+  size_t channels = 3;  ///< Of absorbance; one where all casters are grey.
   AlignedBuffer<uint32_t> absorbance;
   AlignedBuffer<uint8_t> packet_lock;
   // Per entry, in the order of their cells.
@@ -126,6 +131,7 @@ struct MaskRenderer::Workspace {
   std::vector<LayerSource> layers;
   std::vector<Chunk> chunks;
   std::vector<Caster> casters;
+  std::vector<MaskState> states;  ///< One for each copy of the answers.
   std::vector<FaceBounds> face_bounds;
   tbb::enumerable_thread_specific<std::vector<DeferredTriangle>> deferred;
   std::vector<const DeferredTriangle*> all_deferred;
@@ -173,6 +179,8 @@ struct MaskRenderer::Workspace {
   absl::Status PlaceMovedInstances(const MaskRequest& request);
   void BoundFaces();
   void Walk(const MaskRequest& request);
+  void CopyAnswers();
+  size_t MergeAnswers();
   void GatherScattered(const MaskRequest& request);
   void Resolve(const MaskRequest& request, size_t light);
   size_t ResolveTileRow(size_t tile_row, size_t bytes_per_row, bool transmit, size_t light);
@@ -470,9 +478,13 @@ absl::Status MaskRenderer::Workspace::SetUpAllTiles(const MaskRequest& request, 
 absl::Status MaskRenderer::Workspace::ReservePackets(const MaskRequest& request) {
   const size_t all = size_t{end_packet} + 1;
   const bool transmit = request.output == MaskOutput::kTransmittance;
-  if (!sorted_packets.Reserve((all - tiles) * kPacketFloats) || !shadow.Reserve(all) ||
-      !touched.Reserve(all) || !touched_twice.Reserve(all) ||
-      (transmit && (!absorbance.Reserve(all * 3 * kPacket) || !packet_lock.Reserve(all)))) {
+  const auto threads = static_cast<size_t>(std::max(tbb::this_task_arena::max_concurrency(), 1));
+  answer_copies = std::min(threads, kMostPrivate + 1);
+  answer_stride = (all + 63) / 64 * 64;
+  const size_t answers = answer_stride * answer_copies;
+  if (!sorted_packets.Reserve((all - tiles) * kPacketFloats) || !shadow.Reserve(answers) ||
+      !touched.Reserve(answers) || !touched_twice.Reserve(answers) ||
+      (transmit && (!absorbance.Reserve(all * channels * kPacket) || !packet_lock.Reserve(all)))) {
     return OutOfMemory(tiles);
   }
   tbb::parallel_for(tbb::blocked_range<size_t>(0, all, 1 << 14),
@@ -483,8 +495,8 @@ absl::Status MaskRenderer::Workspace::ReservePackets(const MaskRequest& request)
                       std::memset(touched.data() + range.begin(), 0, range.size() * sizeof(uint16_t));
                       std::memset(touched_twice.data() + range.begin(), 0, range.size() * sizeof(uint16_t));
                       if (!transmit) return;
-                      std::memset(absorbance.data() + range.begin() * 3 * kPacket, 0,
-                                  range.size() * 3 * kPacket * sizeof(uint32_t));
+                      std::memset(absorbance.data() + range.begin() * channels * kPacket, 0,
+                                  range.size() * channels * kPacket * sizeof(uint32_t));
                       std::memset(packet_lock.data() + range.begin(), 0, range.size());
                     });
   return absl::OkStatus();
@@ -750,6 +762,7 @@ absl::Status MaskRenderer::Workspace::BuildBspOrder(const MaskRequest& request) 
 void MaskRenderer::Workspace::SetUpCasters(const MaskRequest& request) {
   const std::vector<Material>& materials = request.scene->materials();
   casters.resize(materials.size());
+  channels = 1;
   for (size_t i = 0; i < materials.size(); ++i) {
     const Material& material = materials[i];
     Caster& caster = casters[i];
@@ -770,6 +783,7 @@ void MaskRenderer::Workspace::SetUpCasters(const MaskRequest& request) {
       const double absorbed = t[channel] > 0.0f ? -std::log2(static_cast<double>(t[channel])) : 1e9;
       caster.absorbance[channel] = static_cast<uint32_t>(
           std::min(std::round(absorbed * kAbsorbanceOne), static_cast<double>(kAbsorbanceMax)));
+      if (caster.absorbance[channel] != caster.absorbance[0]) channels = 3;
     }
   }
 }
@@ -835,6 +849,39 @@ void MaskRenderer::Workspace::BoundFaces() {
   }
 }
 
+void MaskRenderer::Workspace::CopyAnswers() {
+  const size_t all = size_t{end_packet} + 1;
+  for (size_t copy = 1; copy < answer_copies; ++copy) {
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, all, 1 << 14), [&](const tbb::blocked_range<size_t>& r) {
+      const size_t to = copy * answer_stride + r.begin(), bytes = r.size() * sizeof(uint16_t);
+      std::memcpy(shadow.data() + to, shadow.data() + r.begin(), bytes);
+      std::memset(touched.data() + to, 0, bytes);
+      std::memset(touched_twice.data() + to, 0, bytes);
+    });
+  }
+}
+
+/// Into the first copy. Returns the number of undecided samples.
+size_t MaskRenderer::Workspace::MergeAnswers() {
+  std::atomic<size_t> undecided{0};
+  tbb::parallel_for(
+      tbb::blocked_range<size_t>(0, end_packet, 1 << 14), [&](const tbb::blocked_range<size_t>& range) {
+        size_t count = 0;
+        for (size_t p = range.begin(); p != range.end(); ++p) {
+          unsigned blocked = shadow[p], once = touched[p], twice = touched_twice[p];
+          for (size_t copy = 1, at = p + answer_stride; copy < answer_copies; ++copy, at += answer_stride) {
+            blocked |= shadow[at];
+            twice |= touched_twice[at] | (once & touched[at]);
+            once |= touched[at];
+          }
+          shadow[p] = static_cast<uint16_t>(blocked);
+          if (twice != 0) count += static_cast<size_t>(std::popcount(twice & ~blocked));
+        }
+        undecided.fetch_add(count, std::memory_order_relaxed);
+      });
+  return undecided.load();
+}
+
 void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
   MaskState state;
   state.frame = &frame;
@@ -846,8 +893,8 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
   state.cell_start = cell_start.data();
   state.entries = entries;
   state.bsp = bsp.data();
-  state.packets = packets.data();
-  state.sorted_packets = sorted_packets.data();
+  state.packets[0] = packets.data();
+  state.packets[1] = sorted_packets.data() - size_t{tiles} * kPacketFloats;
   state.first_sorted = tiles;
   state.shadow = shadow.data();
   state.touched = touched.data();
@@ -855,13 +902,26 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
   if (request.output == MaskOutput::kTransmittance) {
     state.absorbance = absorbance.data();
     state.packet_lock = packet_lock.data();
+    state.channels = channels;
   }
+  CopyAnswers();
+  states.assign(answer_copies, state);
+  for (size_t copy = 0; copy < answer_copies; ++copy) {
+    states[copy].shared = copy == kMostPrivate;
+    states[copy].shadow += copy * answer_stride;
+    states[copy].touched += copy * answer_stride;
+    states[copy].touched_twice += copy * answer_stride;
+  }
+  const auto my_state = [this]() -> const MaskState& {
+    const int thread = tbb::this_task_arena::current_thread_index();
+    return states[std::min(static_cast<size_t>(std::max(thread, 0)), answer_copies - 1)];
+  };
   for (auto& list : deferred) list.clear();
 
   const std::vector<MaskScene::Cluster>& clusters = request.scene->clusters();
   const bool exhaustive = request.method == MaskMethod::kExhaustive;
-  const auto walk_cluster = [&](const MaskScene::Cluster& cluster, const float* geometry,
-                                std::vector<DeferredTriangle>* list) {
+  const auto walk_cluster = [&](const MaskState& mine, const MaskScene::Cluster& cluster,
+                                const float* geometry, std::vector<DeferredTriangle>* list) {
     const Caster& caster = casters[cluster.material];
     if (!caster.casts) return;
     if (!exhaustive) {
@@ -878,10 +938,11 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
     blocks.uvs = cluster.first_uv < 0 ? nullptr : request.scene->uvs().data() + cluster.first_uv;
     blocks.count = cluster.block_count;
     blocks.caster = &caster;
-    WalkTriangles(state, blocks, list);
+    WalkTriangles(mine, blocks, list);
   };
   const size_t grain = std::clamp(clusters.size() / 64, size_t{1}, kMostClustersPerTask);
   ForEach((clusters.size() + grain - 1) / grain, request.cancellation, [&](size_t task) {
+    const MaskState& mine = my_state();
     std::vector<DeferredTriangle>& list = deferred.local();
     list.reserve(kMostDeferred);
     std::vector<DeferredTriangle>* const deferred_to = request.method == MaskMethod::kGrid ? &list : nullptr;
@@ -891,9 +952,10 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
     for (size_t c = task * grain; c < end; ++c) {
       while (range != moved_ranges.end() && c >= range->end) ++range;
       if (range != moved_ranges.end() && c >= range->first) {
-        walk_cluster(moved_clusters[range->first_moved + c - range->first], moved_blocks.data(), deferred_to);
+        walk_cluster(mine, moved_clusters[range->first_moved + c - range->first], moved_blocks.data(),
+                     deferred_to);
       } else {
-        walk_cluster(clusters[c], request.scene->geometry(), deferred_to);
+        walk_cluster(mine, clusters[c], request.scene->geometry(), deferred_to);
       }
     }
   });
@@ -906,10 +968,11 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
     const int rows = faces[static_cast<size_t>(f)].rows;
     ForEach(static_cast<size_t>((rows + kDeferredRows - 1) / kDeferredRows), request.cancellation,
             [&](size_t band) {
+              const MaskState& mine = my_state();
               const int first = static_cast<int>(band) * kDeferredRows;
               for (const DeferredTriangle* triangle : all_deferred) {
                 if (triangle->face == f) {
-                  WalkDeferred(state, *triangle, first, std::min(rows, first + kDeferredRows));
+                  WalkDeferred(mine, *triangle, first, std::min(rows, first + kDeferredRows));
                 }
               }
             });
@@ -994,9 +1057,9 @@ size_t MaskRenderer::Workspace::ResolveTileRow(size_t tile_row, size_t bytes_per
       const size_t tile = tile_row * row_tiles + x / kTileWidth;
       const size_t lane = line * kTileWidth + x % kTileWidth;
       const bool blocked = (shadow[tile] >> lane & 1) != 0;
-      const uint32_t* sums = absorbance.data() + tile * 3 * kPacket + lane;
+      const uint32_t* sums = absorbance.data() + tile * channels * kPacket + lane;
       for (size_t channel = 0; channel < 3; ++channel) {
-        colour[3 * x + channel] = blocked ? 0 : table.Value(sums[channel * kPacket]);
+        colour[3 * x + channel] = blocked ? 0 : table.Value(sums[std::min(channel, channels - 1) * kPacket]);
       }
     }
   }
@@ -1018,9 +1081,9 @@ void MaskRenderer::Workspace::GatherScattered(const MaskRequest& request) {
                                          from_lane = places[lane] % kPacket;
                             bits |= (shadow[from] >> from_lane & 1u) << lane;
                             if (!transmit) continue;
-                            for (size_t channel = 0; channel < 3; ++channel) {
-                              absorbance[(size_t{tile} * 3 + channel) * kPacket + lane] =
-                                  absorbance[(from * 3 + channel) * kPacket + from_lane];
+                            for (size_t channel = 0; channel < channels; ++channel) {
+                              absorbance[(size_t{tile} * channels + channel) * kPacket + lane] =
+                                  absorbance[(from * channels + channel) * kPacket + from_lane];
                             }
                           }
                           shadow[tile] = static_cast<uint16_t>(bits);
@@ -1037,18 +1100,7 @@ void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) 
   mask.bytes_per_row = (width + kPacket - 1) / kPacket * 2;
   bits[light].resize(height * layers.size() * mask.bytes_per_row);
   if (transmit) rgb[light].resize(height * layers.size() * width * 3);
-  std::atomic<size_t> undecided{0};
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, end_packet, 1 << 14),
-                    [&](const tbb::blocked_range<size_t>& range) {
-                      size_t count = 0;
-                      for (size_t p = range.begin(); p != range.end(); ++p) {
-                        if (touched_twice[p] == 0) continue;
-                        count += static_cast<size_t>(
-                            std::popcount(static_cast<unsigned>(touched_twice[p] & ~shadow[p] & 0xFFFF)));
-                      }
-                      undecided.fetch_add(count, std::memory_order_relaxed);
-                    });
-  mask.undecided_samples = undecided.load();
+  mask.undecided_samples = MergeAnswers();
   if (scattered_tiles > 0) GatherScattered(request);
   tbb::parallel_for(tbb::blocked_range<size_t>(0, tiles, 1 << 14),
                     [&](const tbb::blocked_range<size_t>& range) {
