@@ -30,11 +30,13 @@ void RunDemoCommand(const DemoArguments& arguments, bool json) {
   if (json) {
     nlohmann::json document = DemoJson(result.scene, result.light_names, result.records);
     document["resolution"] = ResolutionJson(result.resolution);
+    document["masks"] = MaskJson(result.masks);
     PrintJson(document);
     return;
   }
   std::fputs(DemoTable(result.light_names, result.records).c_str(), stdout);
   std::fputs(ResolutionTable(result.resolution).c_str(), stdout);
+  std::fputs(MaskTable(result.masks).c_str(), stdout);
   std::printf("\nSee %s/report.html; pictures are in %s/frames.\n", arguments.out.c_str(),
               arguments.out.c_str());
 }

@@ -57,6 +57,7 @@ class Demo {
       on_frame(static_cast<int>(frame) + 1, options_.frames);
     }
     result_.resolution = resolution_study_->figures();
+    result_.masks = mask_study_->figures();
     if (absl::Status status = WriteResults(); !status.ok()) return status;
     return std::move(result_);
   }
@@ -88,6 +89,9 @@ class Demo {
         ResolutionStudy::Create(renderer_.get(), walk_, options_.resolution_frames);
     if (!study.ok()) return study.status();
     resolution_study_ = *std::move(study);
+    absl::StatusOr<std::unique_ptr<MaskStudy>> mask_study = MaskStudy::Create(&client_, scene_, walk_);
+    if (!mask_study.ok()) return mask_study.status();
+    mask_study_ = *std::move(mask_study);
     result_.scene = scene_.name;
     for (const SceneLight& light : walk_.lights) {
       absl::StatusOr<RaySpace> ray_space = RaySpace::Create(light.light);
@@ -131,7 +135,7 @@ class Demo {
     for (const RaySpace& ray_space : ray_spaces_) truth.push_back(truth_->TrueShadow(surface, ray_space));
 
     std::optional<ReportFrame> report;
-    if (IsReported(frame)) report.emplace(ReportFrame{static_cast<int>(frame), {}, {}, {}, 0, 0});
+    if (IsReported(frame)) report.emplace(ReportFrame{static_cast<int>(frame), {}, {}, {}, {}, {}, 0, 0});
     std::vector<uint8_t> wrong_before(surface.size(), 0);
     for (size_t m = 0; m < loops_.size(); ++m) {
       FrameLoop& loop = *loops_[m];
@@ -147,8 +151,9 @@ class Demo {
       record.AddMatrices(loop.maps().lights());
 
       std::vector<uint8_t> wrong(surface.size(), 0);
-      if (absl::Status status = CountWrong(surface, truth, loop.maps(), &record, &wrong); !status.ok())
-        return status;
+      const absl::StatusOr<std::vector<ShadowMask>> by_map =
+          CountWrong(surface, truth, loop.maps(), &record, &wrong);
+      if (!by_map.ok()) return by_map.status();
       if (!report || (m != kBefore && m != kAfter)) continue;
       absl::StatusOr<Picture> smooth = renderer_->DrawPicture(*camera, loop.maps(), /*antialiased=*/true);
       if (!smooth.ok()) return smooth.status();
@@ -158,6 +163,11 @@ class Demo {
         wrong_before = wrong;
       } else {
         report->difference = DifferencePicture(report->after, wrong_before, wrong);
+        const absl::StatusOr<std::vector<ShadowMask>> exact =
+            mask_study_->AddFrame(frame, matrices, surface, truth, *by_map);
+        if (!exact.ok()) return exact.status();
+        report->shadows_by_map = ShadowPicture(surface, *by_map);
+        report->shadows_by_mask = ShadowPicture(surface, *exact);
       }
     }
     if (report) report_frames_.push_back(*std::move(report));
@@ -193,9 +203,12 @@ class Demo {
     record->optimize_ms.insert(record->optimize_ms.end(), trace.optimize_ms.begin(), trace.optimize_ms.end());
   }
 
-  /// The exact map test with the very matrices that the maps were drawn with.
-  absl::Status CountWrong(const VisibleSurface& surface, const std::vector<ShadowMask>& truth,
-                          const ShadowMaps& maps, MethodRecord* record, std::vector<uint8_t>* wrong) const {
+  /// The exact map test with the very matrices that the maps were drawn with; its answers, one a light.
+  absl::StatusOr<std::vector<ShadowMask>> CountWrong(const VisibleSurface& surface,
+                                                     const std::vector<ShadowMask>& truth,
+                                                     const ShadowMaps& maps, MethodRecord* record,
+                                                     std::vector<uint8_t>* wrong) const {
+    std::vector<ShadowMask> answers;
     std::vector<int>& counts = record->wrong_pixels.emplace_back();
     for (size_t light = 0; light < ray_spaces_.size(); ++light) {
       const LightView& view = maps.lights()[light];
@@ -204,7 +217,7 @@ class Demo {
         return absl::InternalError(absl::StrFormat(
             "%s, light %d: the matrix in the answer is not this light's", record->name, light));
       }
-      const absl::StatusOr<ShadowMask> mask =
+      absl::StatusOr<ShadowMask> mask =
           ShadowFromMaps(*truth_, surface, truth[light], ray_spaces_[light], std::span(&projection, 1));
       if (!mask.ok()) return mask.status();
       int count = 0;
@@ -214,8 +227,9 @@ class Demo {
         (*wrong)[i] = 1;
       }
       counts.push_back(count);
+      answers.push_back(*std::move(mask));
     }
-    return absl::OkStatus();
+    return answers;
   }
 
   absl::Status WriteResults() const {
@@ -227,9 +241,9 @@ class Demo {
       status = WritePng(out_ / "comparison.png", SplitPicture(middle.before, middle.after));
       if (!status.ok()) return status;
     }
-    const absl::StatusOr<std::string> html =
-        ReportHtml(result_.scene, result_.light_names, result_.records, options_.map_size, report_frames_,
-                   result_.records[kBefore].name, result_.records[kAfter].name, result_.resolution);
+    const absl::StatusOr<std::string> html = ReportHtml(
+        result_.scene, result_.light_names, result_.records, options_.map_size, report_frames_,
+        result_.records[kBefore].name, result_.records[kAfter].name, result_.resolution, result_.masks);
     if (!html.ok()) return html.status();
     return WriteText(out_ / "report.html", *html);
   }
@@ -244,6 +258,7 @@ class Demo {
   std::vector<RaySpace> ray_spaces_;
   std::vector<std::unique_ptr<FrameLoop>> loops_;  // One a method; they die before the renderer.
   std::unique_ptr<ResolutionStudy> resolution_study_;
+  std::unique_ptr<MaskStudy> mask_study_;
   std::vector<ReportFrame> report_frames_;
   DemoResult result_;
 };

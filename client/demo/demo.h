@@ -7,6 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "client/client.h"
+#include "client/demo/mask_study.h"
 #include "client/demo/method_record.h"
 #include "client/demo/resolution_study.h"
 #include "client/demo/walk.h"
@@ -23,7 +24,7 @@ struct DemoOptions {
   /// Frames between what the service saw and what is drawn with its answer. Methods that need no service draw
   /// with the matrices of the same frame.
   int latency = 2;
-  int report_pictures = 6;    ///< Frames that the report shows.
+  int report_pictures = 6;    ///< Frames that the report shows, and for which exact masks are rendered.
   int resolution_frames = 9;  ///< Frames whose needed map sizes the report shows.
 };
 
@@ -32,6 +33,7 @@ struct DemoResult {
   std::vector<std::string> light_names;
   std::vector<MethodRecord> records;
   ResolutionFigures resolution;
+  MaskFigures masks;
 };
 
 /// Walks through the scene with every method side by side, counts each one's wrong pixels with shadow rays,

@@ -1,10 +1,10 @@
 #include "client/demo/frame_loop.h"
 
 #include <cmath>
-#include <string_view>
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "client/demo/wire_encoding.h"
 
 namespace shadowfit {
 namespace {
@@ -13,37 +13,6 @@ using SteadyClock = std::chrono::steady_clock;
 
 double MillisecondsSince(SteadyClock::time_point start) {
   return std::chrono::duration<double, std::milli>(SteadyClock::now() - start).count();
-}
-
-void Encode(const glm::dmat4& matrix, v1::Matrix4* out) {
-  out->clear_m();
-  for (int column = 0; column < 4; ++column) {
-    for (int row = 0; row < 4; ++row) out->add_m(matrix[column][row]);
-  }
-}
-
-void Encode(const glm::dvec3& v, v1::Vector3* out) {
-  out->set_x(v.x);
-  out->set_y(v.y);
-  out->set_z(v.z);
-}
-
-void Encode(const Light& light, v1::Light* out) {
-  if (const auto* point = std::get_if<PointLight>(&light)) {
-    Encode(point->ws_position, out->mutable_point()->mutable_position());
-  } else if (const auto* spot = std::get_if<SpotLight>(&light)) {
-    Encode(spot->ws_position, out->mutable_spot()->mutable_position());
-    Encode(spot->ws_direction, out->mutable_spot()->mutable_direction());
-    out->mutable_spot()->set_outer_half_angle(spot->outer_half_angle);
-  } else {
-    Encode(std::get<DirectionalLight>(light).ws_direction, out->mutable_directional()->mutable_direction());
-  }
-}
-
-/// The buffers as they lie in memory: both ends are little-endian.
-template <typename T>
-void Encode(const std::vector<T>& values, std::string* out) {
-  out->assign(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
 }
 
 /// The final picture's size, as far as the guard band reaches.
@@ -168,19 +137,11 @@ absl::Status FrameLoop::Submit(const CameraMatrices& camera) {
                         stream_->in_flight(), options_.latency));
   }
   frame->set_frame_id(frame_id_);
-  Encode(camera.view_from_world, frame->mutable_camera()->mutable_view());
-  Encode(camera.clip_from_view, frame->mutable_camera()->mutable_projection());
-  frame->mutable_camera()->set_clip_depth(v1::CLIP_DEPTH_NEGATIVE_ONE_TO_ONE);
-
-  v1::DepthBuffer* depth = frame->mutable_depth();
-  depth->set_width(static_cast<uint32_t>(samples_.width));
-  depth->set_height(static_cast<uint32_t>(samples_.height));
-  depth->set_encoding(v1::DEPTH_ENCODING_FLOAT32);
-  depth->set_row_order(v1::ROW_ORDER_BOTTOM_FIRST);
-  Encode(samples_.depth, depth->mutable_data());
+  Encode(camera, frame->mutable_camera());
+  EncodeDepth(samples_.width, samples_.height, samples_.depth, frame->mutable_depth());
   v1::BitBuffer* bits = frame->mutable_shadow_bits();
-  bits->set_width(depth->width());
-  bits->set_height(depth->height());
+  bits->set_width(frame->depth().width());
+  bits->set_height(frame->depth().height());
   bits->set_row_order(v1::ROW_ORDER_BOTTOM_FIRST);
   Encode(samples_.bits, bits->mutable_data());
 

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,6 +32,14 @@ struct MethodRecord {
   double MeanPerLight() const;  ///< Mean over frames and lights.
   double MeanPerFrame() const;  ///< Mean over frames of the sum over lights.
 };
+
+/// 0 without values.
+template <typename T>
+double Mean(const std::vector<T>& values) {
+  return values.empty()
+             ? 0.0
+             : std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
 
 /// Value below which a share of the values lies (nearest rank); 0 without values.
 double Percentile(std::vector<double> values, double share);

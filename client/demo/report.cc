@@ -169,6 +169,39 @@ std::string WrongPixelTable(const std::vector<std::string>& light_names,
   return absl::StrCat(html, "</table>");
 }
 
+/// A picture over which another one's left part is drawn, up to a bar that can be dragged.
+std::string DraggedPair(const std::string& left_url, const std::string& left_name,
+                        const std::string& right_url, const std::string& right_name) {
+  return absl::StrCat("<div class=\"pair\"><img alt=\"", Escaped(right_name), "\" src=\"", right_url,
+                      "\"><img class=\"before\" alt=\"", Escaped(left_name), "\" src=\"", left_url,
+                      "\"><b class=\"l\">", Escaped(left_name), "</b><b class=\"r\">", Escaped(right_name),
+                      "</b><input type=\"range\" aria-label=\"where the pictures meet\" value=\"50\"></div>");
+}
+
+/// Exact masks beside the maps, and the shadows of the middle one of the frames.
+absl::StatusOr<std::string> MaskSection(const MaskFigures& figures, const std::vector<ReportFrame>& frames,
+                                        const std::string& map_name) {
+  if (figures.frames.empty() || frames.empty()) return std::string();
+  std::string html = absl::StrFormat(
+      "<h2>Without aliasing</h2><p>Masks of the same pictures: for every pixel the answer of its shadow ray, "
+      "from the scene that was uploaded once (%.2f s). Means of %d frames; undecided are pixels for which "
+      "the "
+      "depth buffer's rounding leaves it open.</p><table><tr><th>light</th><th>wrong by map</th><th>wrong by "
+      "mask</th><th>undecided</th><th>mask, ms</th></tr>",
+      figures.upload_seconds, figures.frames.size());
+  for (const MaskRecord& record : figures.lights) {
+    absl::StrAppendFormat(&html, "<tr><td>%s</td><td>%.0f</td><td>%.1f</td><td>%.1f</td><td>%.1f</td></tr>",
+                          Escaped(record.light), Mean(record.wrong_by_map), Mean(record.wrong_by_mask),
+                          Mean(record.undecided), Mean(record.mask_ms));
+  }
+  const ReportFrame& shown = frames[frames.size() / 2];
+  const absl::StatusOr<std::string> by_map = DataUrl(shown.shadows_by_map);
+  if (!by_map.ok()) return by_map.status();
+  const absl::StatusOr<std::string> by_mask = DataUrl(shown.shadows_by_mask);
+  if (!by_mask.ok()) return by_mask.status();
+  return absl::StrCat(html, "</table><p></p>", DraggedPair(*by_map, map_name, *by_mask, "mask"));
+}
+
 constexpr char kHead[] = R"(<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>shadowfit</title><style>
@@ -233,7 +266,8 @@ Picture SplitPicture(const Picture& left, const Picture& right) {
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
                                        const std::vector<MethodRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,
-                                       const std::string& after_name, const ResolutionFigures& resolution) {
+                                       const std::string& after_name, const ResolutionFigures& resolution,
+                                       const MaskFigures& masks) {
   std::string html = kHead;
   absl::StrAppendFormat(
       &html,
@@ -267,6 +301,9 @@ absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vect
         }));
   }
   absl::StrAppend(&html, "</div>", ResolutionSection(resolution));
+  const absl::StatusOr<std::string> mask_section = MaskSection(masks, frames, after_name);
+  if (!mask_section.ok()) return mask_section.status();
+  absl::StrAppend(&html, *mask_section);
 
   absl::StrAppendFormat(
       &html,
@@ -282,11 +319,8 @@ absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vect
     if (!difference.ok()) return difference.status();
     absl::StrAppendFormat(&html, "<h3>Frame %d: %d wrong pixels before, %d after</h3>", frame.frame,
                           frame.wrong_before, frame.wrong_after);
-    absl::StrAppend(&html, "<div class=\"pair\"><img alt=\"after\" src=\"", *after,
-                    "\"><img class=\"before\" alt=\"before\" src=\"", *before, "\"><b class=\"l\">",
-                    Escaped(before_name), "</b><b class=\"r\">", Escaped(after_name),
-                    "</b><input type=\"range\" aria-label=\"before and after\" value=\"50\"></div>");
-    absl::StrAppend(&html, "<img class=\"diff\" alt=\"wrong pixels\" src=\"", *difference, "\">");
+    absl::StrAppend(&html, DraggedPair(*before, before_name, *after, after_name),
+                    "<img class=\"diff\" alt=\"wrong pixels\" src=\"", *difference, "\">");
   }
   return absl::StrCat(html, kTail);
 }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/demo/mask_study.h"
 #include "client/demo/method_record.h"
 #include "client/demo/resolution_study.h"
 #include "client/render/picture_pass.h"
@@ -18,7 +19,9 @@ struct ReportFrame {
   Picture before;
   Picture after;
   Picture difference;
-  int wrong_before = 0;  ///< Wrong pixels of all lights.
+  Picture shadows_by_map;   ///< Of `after`.
+  Picture shadows_by_mask;  ///< Exact.
+  int wrong_before = 0;     ///< Wrong pixels of all lights.
   int wrong_after = 0;
 };
 
@@ -34,6 +37,7 @@ Picture SplitPicture(const Picture& left, const Picture& right);
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
                                        const std::vector<MethodRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,
-                                       const std::string& after_name, const ResolutionFigures& resolution);
+                                       const std::string& after_name, const ResolutionFigures& resolution,
+                                       const MaskFigures& masks);
 
 }  // namespace shadowfit

@@ -100,6 +100,22 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   EXPECT_EQ(ResolutionJson(figures)["lights"][1]["recommended"].size(), 3u);
   EXPECT_THAT(ResolutionTable(figures), HasSubstr(figures.lights[1].light));
 
+  const MaskFigures& masks = result->masks;
+  EXPECT_EQ(masks.frames, (std::vector<int>{0, 2}));
+  ASSERT_EQ(masks.lights.size(), 3u);
+  for (const MaskRecord& record : masks.lights) {
+    for (size_t i = 0; i < masks.frames.size(); ++i) {
+      const auto frame = static_cast<size_t>(masks.frames[i]);
+      const auto light = static_cast<size_t>(&record - masks.lights.data());
+      EXPECT_EQ(record.wrong_by_map[i], result->records[3].wrong_pixels[frame][light]);
+      // A pixel or two in 19200 lie within the rounding of their depth from an edge.
+      EXPECT_LE(record.wrong_by_mask[i], 20 + record.undecided[i]) << record.light;
+      EXPECT_GT(record.mask_ms[i], 0.0);
+    }
+  }
+  EXPECT_EQ(MaskJson(masks)["lights"][2]["wrongPixelsOfMask"].size(), 2u);
+  EXPECT_THAT(MaskTable(masks), HasSubstr(masks.lights[2].light));
+
   for (const char* name : {"000.png", "001.png", "002.png"}) {
     EXPECT_EQ(ReadText(folder_ / "a/frames" / name).substr(1, 3), "PNG");
   }
@@ -108,10 +124,13 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   EXPECT_THAT(report, HasSubstr("data:image/jpeg;base64,/9j/"));
   EXPECT_THAT(report, HasSubstr("<polyline"));
   EXPECT_THAT(report, HasSubstr("texels needed"));
+  EXPECT_THAT(report, HasSubstr("wrong by mask"));
   EXPECT_THAT(report, ::testing::Not(HasSubstr("src=\"http"))) << "the report needs no other file";
 
   // What is drawn depends on the frames alone, not on how fast the service answers.
-  ASSERT_TRUE(RunDemo(scene_, service_->client(), options_, folder_ / "b", [](int, int) {}).ok());
+  const absl::StatusOr<DemoResult> again =
+      RunDemo(scene_, service_->client(), options_, folder_ / "b", [](int, int) {});
+  ASSERT_TRUE(again.ok()) << again.status();
   const std::string matrices = ReadText(folder_ / "a/matrices.json");
   EXPECT_EQ(matrices, ReadText(folder_ / "b/matrices.json"));
   EXPECT_EQ(nlohmann::json::parse(matrices)["methods"]["paper"].size(), 3u);
