@@ -51,7 +51,6 @@ HWY_INLINE uint32_t BitsOf(MF mask) {
 }
 
 HWY_INLINE float LargestLane(VF v) { return hn::GetLane(hn::MaxOfLanes(df, v)); }
-HWY_INLINE float SmallestLane(VF v) { return hn::GetLane(hn::MinOfLanes(df, v)); }
 
 // ---------------------------------------------------------------------------------------------------------
 // Samples
@@ -309,39 +308,81 @@ HWY_INLINE MF FitsSingleFace(bool directional, const Face& face, const VF r[3]) 
                                                   hn::Le(hn::Abs(r[(face.axis + 2) % 3]), limit)));
 }
 
+/// In the order of PacketEntry.
 struct PacketBounds {
-  float u_min, u_max, v_min, v_max, farthest;
+  alignas(16) float u_min;
+  float v_min, minus_u_max, minus_v_max, farthest;
+
+  float u_max() const { return -minus_u_max; }
+  float v_max() const { return -minus_v_max; }
 };
 
+/// One store, which the load can be served from.
 HWY_INLINE MF LanesOf(uint32_t bits) {
-  uint8_t bytes[8] = {static_cast<uint8_t>(bits), static_cast<uint8_t>(bits >> 8)};
+  uint8_t bytes[8] = {};
+  std::memcpy(bytes, &bits, sizeof(bits));
   return hn::LoadMaskBits(df, bytes);
 }
 
+/// All lanes of each of four vectors under an associative operation, one after the other in `out`.
+template <typename Operation>
+HWY_INLINE void ReduceFour(VF a, VF b, VF c, VF d, const Operation& op, float* out) {
+  const hn::Repartition<double, DF> pairs;
+  const VF ab = op(hn::InterleaveLower(df, a, b), hn::InterleaveUpper(df, a, b));
+  const VF cd = op(hn::InterleaveLower(df, c, d), hn::InterleaveUpper(df, c, d));
+  const auto ab_pairs = hn::BitCast(pairs, ab), cd_pairs = hn::BitCast(pairs, cd);
+  const VF blocks = op(hn::BitCast(df, hn::InterleaveLower(pairs, ab_pairs, cd_pairs)),
+                       hn::BitCast(df, hn::InterleaveUpper(pairs, ab_pairs, cd_pairs)));
+  if constexpr (kLanes == 16) {
+    const hn::Half<DH> quarter;
+    const VH half = op(hn::LowerHalf(dh, blocks), hn::UpperHalf(dh, blocks));
+    hn::StoreU(op(hn::LowerHalf(quarter, half), hn::UpperHalf(quarter, half)), quarter, out);
+  } else if constexpr (kLanes == 8) {
+    hn::StoreU(op(hn::LowerHalf(dh, blocks), hn::UpperHalf(dh, blocks)), dh, out);
+  } else {
+    hn::StoreU(blocks, df, out);
+  }
+}
+
+struct Smaller {
+  template <typename V>
+  HWY_INLINE V operator()(V a, V b) const {
+    return hn::Min(a, b);
+  }
+};
+struct Larger {
+  template <typename V>
+  HWY_INLINE V operator()(V a, V b) const {
+    return hn::Max(a, b);
+  }
+};
+
 /// Bounds of a packet's samples: the lanes in `bits`.
 HWY_INLINE PacketBounds BoundPacket(bool directional, const Face& face, const float* packet, uint32_t bits) {
-  VF u_min = hn::Set(df, kInfinity), v_min = u_min;
-  VF u_max = hn::Set(df, -kInfinity), v_max = u_max, farthest = u_max;
+  const VF none = hn::Set(df, kInfinity);
+  VF u_min = none, v_min = none, minus_u_max = none, minus_v_max = none, farthest = hn::Neg(none);
   for (int i = 0; i < kPacket; i += kLanes) {
     const VF r[3] = {hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
                      hn::Load(df, packet + 2 * kPacket + i)};
     const PlaneCoordinates c = Project(directional, face, r);
     const MF sample = LanesOf(bits >> i);
-    u_min = hn::IfThenElse(sample, hn::Min(u_min, c.u), u_min);
-    v_min = hn::IfThenElse(sample, hn::Min(v_min, c.v), v_min);
-    u_max = hn::IfThenElse(sample, hn::Max(u_max, c.u), u_max);
-    v_max = hn::IfThenElse(sample, hn::Max(v_max, c.v), v_max);
-    farthest = hn::IfThenElse(sample, hn::Max(farthest, c.w), farthest);
+    u_min = hn::Min(u_min, hn::IfThenElse(sample, c.u, none));
+    v_min = hn::Min(v_min, hn::IfThenElse(sample, c.v, none));
+    minus_u_max = hn::Min(minus_u_max, hn::IfThenElse(sample, hn::Neg(c.u), none));
+    minus_v_max = hn::Min(minus_v_max, hn::IfThenElse(sample, hn::Neg(c.v), none));
+    farthest = hn::Max(farthest, hn::IfThenElse(sample, c.w, hn::Neg(none)));
   }
-  return {SmallestLane(u_min), LargestLane(u_max), SmallestLane(v_min), LargestLane(v_max),
-          LargestLane(farthest)};
+  PacketBounds bounds;
+  ReduceFour(u_min, v_min, minus_u_max, minus_v_max, Smaller(), &bounds.u_min);
+  bounds.farthest = LargestLane(farthest);
+  return bounds;
 }
 
 HWY_INLINE void AddBounds(const PacketBounds& bounds, int face, TileCounts* counts) {
   counts->u_min[face] = std::min(counts->u_min[face], bounds.u_min);
-  counts->u_max[face] = std::max(counts->u_max[face], bounds.u_max);
+  counts->u_max[face] = std::max(counts->u_max[face], bounds.u_max());
   counts->v_min[face] = std::min(counts->v_min[face], bounds.v_min);
-  counts->v_max[face] = std::max(counts->v_max[face], bounds.v_max);
+  counts->v_max[face] = std::max(counts->v_max[face], bounds.v_max());
   counts->farthest[face] = std::max(counts->farthest[face], bounds.farthest);
 }
 
@@ -349,18 +390,23 @@ HWY_INLINE void AddBounds(const PacketBounds& bounds, int face, TileCounts* coun
 HWY_INLINE void Enter(const Face& face, int row, const PacketBounds& bounds, uint32_t packet, uint32_t lanes,
                       PacketEntry* entry, uint32_t* histogram, float* row_reach) {
   const uint32_t cell = face.first_cell + ScalarColumn(face, row, bounds.u_min);
-  *entry = {bounds.u_min, bounds.v_min, -bounds.u_max, -bounds.v_max, bounds.farthest, packet, cell, lanes};
+  static_assert(offsetof(PacketEntry, farthest) == offsetof(PacketBounds, farthest));
+  std::memcpy(&entry->u_min, &bounds.u_min, 4 * sizeof(float));
+  entry->farthest = bounds.farthest;
+  entry->packet = packet;
+  entry->cell = cell;
+  entry->lanes = lanes;
   ++histogram[cell];
   float& reach = row_reach[face.first_row + static_cast<uint32_t>(row)];
-  reach = std::max(reach, bounds.u_max - bounds.u_min);
+  reach = std::max(reach, bounds.u_max() - bounds.u_min);
 }
 
 /// Whether these samples lie close enough together to be entered.
 HWY_INLINE bool IsCompact(const Face& face, const PacketBounds& bounds) {
   const int first = ScalarSubrow(face, bounds.v_min) / kSubrows;
-  const int last = ScalarSubrow(face, bounds.v_max) / kSubrows;
+  const int last = ScalarSubrow(face, bounds.v_max()) / kSubrows;
   if (last - first >= kMostRowsOfPacket) return false;
-  const float width = bounds.u_max - bounds.u_min;
+  const float width = bounds.u_max() - bounds.u_min;
   for (int row = first; row <= last; ++row) {
     if (!(width * face.row_u_scale[static_cast<size_t>(row)] <= kMostColumnsOfPacket)) return false;
   }
@@ -371,7 +417,7 @@ HWY_INLINE bool IsCompact(const Face& face, const PacketBounds& bounds) {
 HWY_INLINE void EnterTile(const TileTask& task, const Face& face, int face_index, const PacketBounds& bounds,
                           uint32_t tile, uint32_t lanes, TileCounts* counts) {
   const int first = ScalarSubrow(face, bounds.v_min) / kSubrows;
-  const int last = ScalarSubrow(face, bounds.v_max) / kSubrows;
+  const int last = ScalarSubrow(face, bounds.v_max()) / kSubrows;
   for (int row = first; row <= last; ++row) {
     Enter(face, row, bounds, row > first ? tile | kRepeated : tile, lanes,
           &(*task.entries)[counts->entries++], task.histogram, task.row_reach);
@@ -592,12 +638,31 @@ void PlaceSamplesImpl(const TileTask& task, std::span<const uint32_t> tiles, uin
       const auto place = hn::Add(first, hn::LoadU(du, rank + t * kPacket + static_cast<size_t>(i)));
       hn::StoreU(hn::IfThenElse(absent, hn::Set(du, kNoPlace), place), du, place_out);
       const auto target = hn::IfThenElse(absent, hn::Set(du, scrap_place), place);
-      // Place p is float (p / kPacket) * kPacketFloats + p % kPacket of the packets.
-      const auto lane = hn::And(target, hn::Set(du, static_cast<uint32_t>(kPacket - 1)));
-      const auto offset = hn::BitCast(di, hn::Add(hn::ShiftLeft<2>(hn::Sub(target, lane)), lane));
-      for (int row = 0; row < 4; ++row) {
-        hn::ScatterIndex(hn::Load(df, packet + row * kPacket + i), df, sorted_packets + row * kPacket,
-                         offset);
+      // A sample's four numbers together, for its one line of memory to be fetched once.
+      HWY_ALIGN uint32_t targets[kLanes];
+      HWY_ALIGN float samples[4 * kLanes];
+      hn::Store(target, du, targets);
+      hn::StoreInterleaved4(hn::Load(df, packet + i), hn::Load(df, packet + kPacket + i),
+                            hn::Load(df, packet + 2 * kPacket + i), hn::Load(df, packet + 3 * kPacket + i),
+                            df, samples);
+      const hn::FixedTag<float, 4> sample;
+      for (int lane = 0; lane < kLanes; ++lane) {
+        hn::Store(hn::Load(sample, samples + 4 * lane), sample, sorted_packets + size_t{4} * targets[lane]);
+      }
+    }
+  }
+}
+
+void TransposePacketsImpl(float* packets, size_t count) {
+  for (size_t p = 0; p < count; ++p) {
+    float* packet = packets + p * kPacketFloats;
+    VF rows[4][kPacket / kLanes];
+    for (int i = 0; i < kPacket / kLanes; ++i) {
+      hn::LoadInterleaved4(df, packet + 4 * i * kLanes, rows[0][i], rows[1][i], rows[2][i], rows[3][i]);
+    }
+    for (int row = 0; row < 4; ++row) {
+      for (int i = 0; i < kPacket / kLanes; ++i) {
+        hn::Store(rows[row][i], df, packet + row * kPacket + i * kLanes);
       }
     }
   }
@@ -1084,10 +1149,10 @@ HWY_INLINE bool FindBlockRuns(const MaskState& state, const Face& face, MF lanes
                               VF v, VF minus_u, VF minus_v, BlockRuns* runs) {
   constexpr uint32_t kEntriesOfTriangle = 8;
   const VF low = hn::Set(df, -kInfinity);
-  const float u_high = LargestLane(hn::IfThenElse(lanes, u, low));
-  const float v_high = LargestLane(hn::IfThenElse(lanes, v, low));
-  const float u_low = -LargestLane(hn::IfThenElse(lanes, minus_u, low));
-  const float v_low = -LargestLane(hn::IfThenElse(lanes, minus_v, low));
+  float most[4];
+  ReduceFour(hn::IfThenElse(lanes, u, low), hn::IfThenElse(lanes, v, low),
+             hn::IfThenElse(lanes, minus_u, low), hn::IfThenElse(lanes, minus_v, low), Larger(), most);
+  const float u_high = most[0], v_high = most[1], u_low = -most[2], v_low = -most[3];
   const int first_row = ScalarSubrow(face, v_low) / kSubrows;
   const int last_row = ScalarSubrow(face, v_high) / kSubrows;
   if (last_row - first_row >= BlockRuns::kMostRows) return false;
@@ -1202,6 +1267,9 @@ class PairQueue {
       const uint32_t live = state_.entries.lanes[pair >> kTriangleBits] & ~LoadBits(state_.shadow[packet]);
       const uint32_t inside =
           InsideEdges<kDirectional>(triangles_.rows + triangle, PacketFloats(state_, packet)) & live;
+      // Its bounds of error, which only the second step reads.
+      const float* values = PacketFloats(state_, packet);
+      hwy::Prefetch(inside != 0 ? values + 3 * kPacket : values);
       hits[hit_count] = {packet, static_cast<uint16_t>(inside), static_cast<uint16_t>(triangle)};
       hit_count += static_cast<uint32_t>(inside != 0);
     }
@@ -1543,6 +1611,7 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
           queue.Add(lane, reach, first[1][i], end[1][i], kRepeated);
           continue;
         }
+        if (state.search != Search::kGrid && state.Cancelled()) return;
         Outline outline;
         if (is_quick) {
           outline.corners = 3;
@@ -1580,7 +1649,9 @@ void WalkBlock(const MaskState& state, const CasterBlocks& blocks, size_t block,
 
 void WalkTrianglesImpl(const MaskState& state, const CasterBlocks& blocks,
                        std::vector<DeferredTriangle>* deferred) {
+  constexpr size_t kBlocksOfPoll = 4;
   for (size_t block = 0; block < blocks.count; ++block) {
+    if (block % kBlocksOfPoll == 0 && state.Cancelled()) return;
     if (state.frame->directional) {
       WalkBlock<true>(state, blocks, block, deferred);
     } else {
@@ -1628,6 +1699,7 @@ HWY_EXPORT(SampleRaysImpl);
 HWY_EXPORT(SetUpTilesImpl);
 HWY_EXPORT(BinSamplesImpl);
 HWY_EXPORT(PlaceSamplesImpl);
+HWY_EXPORT(TransposePacketsImpl);
 HWY_EXPORT(EnterPacketsImpl);
 HWY_EXPORT(WalkTrianglesImpl);
 HWY_EXPORT(WalkDeferredImpl);
@@ -1657,6 +1729,10 @@ void PlaceSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_
                   float* sorted_packets) {
   HWY_DYNAMIC_DISPATCH(PlaceSamplesImpl)
   (task, tiles, none, start, rank, scrap_place, cell_to_place, sorted_packets);
+}
+
+void TransposePackets(float* packets, size_t count) {
+  HWY_DYNAMIC_DISPATCH(TransposePacketsImpl)(packets, count);
 }
 
 size_t EnterPackets(const LightFrame& frame, const Face& face, int row, uint32_t begin, uint32_t end,

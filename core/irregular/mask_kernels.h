@@ -207,7 +207,10 @@ struct MaskState {
   uint16_t* touched_twice = nullptr;  ///< Bit per sample: on two.
   uint32_t* absorbance = nullptr;     ///< [packet][channels][kPacket]; null where only bits are asked for.
   size_t channels = 3;                ///< One where all casters are grey.
-  uint8_t* packet_lock = nullptr;     ///< Guards a packet's absorbance.
+  const Cancellation* cancellation = nullptr;  ///< Once it asks, what is left is not tested.
+
+  bool Cancelled() const { return cancellation != nullptr && cancellation->Requested(); }
+  uint8_t* packet_lock = nullptr;  ///< Guards a packet's absorbance.
 };
 
 struct CasterBlocks {
@@ -230,10 +233,14 @@ void SetUpTiles(const TileTask& task, TileCounts* counts);
 void BinSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, uint32_t* cell,
                 uint32_t* rank, uint32_t* histogram, TileCounts* counts);
 
-/// Copies these samples into packets and replaces each pixel's cell by its place (kNoPlace where it is
-/// `none`). `start` is where this call's samples of each cell go; `scrap_place` takes what must go somewhere.
+/// Copies these samples to their places, four numbers a sample, and replaces each pixel's cell by its place
+/// (kNoPlace where it is `none`). `start` is where this call's samples of each cell go; `scrap_place` takes
+/// what must go somewhere.
 void PlaceSamples(const TileTask& task, std::span<const uint32_t> tiles, uint32_t none, const uint32_t* start,
                   const uint32_t* rank, uint32_t scrap_place, uint32_t* cell_to_place, float* sorted_packets);
+
+/// Makes packets of every kPacket placed samples, where they are.
+void TransposePackets(float* packets, size_t count);
 
 /// Enters packets [begin, end) of sorted samples, which all lie in `row` of a face; `shadow` is set where
 /// they hold no sample. Appends to `entries`, counts in `histogram`; returns the number of entries.

@@ -151,9 +151,11 @@ size_t MaskScene::BytesFor(const Scene& scene) {
 }
 
 void MaskScene::FlattenInto(size_t mesh_index, const glm::mat4x3& world_from_object,
-                            std::span<Cluster> clusters, float* geometry) const {
+                            std::span<Cluster> clusters, float* geometry,
+                            const Cancellation* cancellation) const {
   const MeshData& mesh = meshes_[mesh_index];
   tbb::parallel_for(tbb::blocked_range<size_t>(0, clusters.size(), 64), [&](const auto& range) {
+    if (cancellation != nullptr && cancellation->Requested()) return;
     for (size_t c = range.begin(); c != range.end(); ++c) {
       Cluster& cluster = clusters[c];
       float* blocks = geometry + size_t{cluster.first_block} * kBlockFloats;
@@ -179,7 +181,7 @@ void MaskScene::FlattenInto(size_t mesh_index, const glm::mat4x3& world_from_obj
 
 void MaskScene::Flatten(const InstanceData& instance) {
   const std::span<Cluster> clusters(clusters_.data() + instance.first_cluster, instance.cluster_count);
-  FlattenInto(instance.mesh, instance.world_from_object, clusters, geometry_.data());
+  FlattenInto(instance.mesh, instance.world_from_object, clusters, geometry_.data(), nullptr);
 }
 
 std::pair<size_t, size_t> MaskScene::ClustersOf(size_t instance) const {
@@ -192,10 +194,10 @@ size_t MaskScene::BlocksOf(size_t instance) const {
 }
 
 void MaskScene::Place(size_t instance, const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
-                      float* blocks) const {
+                      float* blocks, const Cancellation* cancellation) const {
   const uint32_t first_block = clusters.empty() ? 0 : clusters[0].first_block;
   for (Cluster& cluster : clusters) cluster.first_block -= first_block;
-  FlattenInto(instances_[instance].mesh, world_from_object, clusters, blocks);
+  FlattenInto(instances_[instance].mesh, world_from_object, clusters, blocks, cancellation);
 }
 
 absl::Status MaskScene::SetInstanceTransform(size_t instance, const glm::mat4x3& world_from_object) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/cancellation.h"
 #include "core/irregular/aligned_buffer.h"
 #include "core/scene/scene.h"
 
@@ -61,9 +62,9 @@ class MaskScene {
   std::pair<size_t, size_t> ClustersOf(size_t instance) const;
   /// An instance's clusters and blocks as they would be elsewhere. `clusters` are copies of its own, in which
   /// boxes and first_block (then counted from the first of `blocks`) are set anew; `blocks` has room for
-  /// BlocksOf(instance) blocks.
+  /// BlocksOf(instance) blocks. Once `cancellation` (may be null) asks, the rest is left undone.
   void Place(size_t instance, const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
-             float* blocks) const;
+             float* blocks, const Cancellation* cancellation = nullptr) const;
   size_t BlocksOf(size_t instance) const;
   const float* geometry() const { return geometry_.data(); }
   const std::vector<float>& uvs() const { return uvs_; }
@@ -84,7 +85,7 @@ class MaskScene {
 
   void Flatten(const InstanceData& instance);
   void FlattenInto(size_t mesh, const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
-                   float* geometry) const;
+                   float* geometry, const Cancellation* cancellation) const;
 
   std::vector<Material> materials_;
   std::vector<AlphaTexture> alpha_textures_;

@@ -596,6 +596,10 @@ absl::Status MaskRenderer::Workspace::SortScattered(const MaskRequest& request) 
     PlaceSamples(TaskFor(chunks[i], request), chunks[i].scattered, none, sort_histograms.data() + i * stride,
                  rank.data() + first, packet * kPacket, place.data() + first, sorted_packets.data());
   });
+  if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, packet, 512), [&](const tbb::blocked_range<size_t>& range) {
+    TransposePackets(sorted_packets.data() + range.begin() * kPacketFloats, range.size());
+  });
   return CancelledStatus(request.cancellation);
 }
 
@@ -617,12 +621,15 @@ absl::Status MaskRenderer::Workspace::SortEntries(const MaskRequest& request) {
   };
   if (sorted > 0) {
     for_each_row([&](const Face& face, int row) {
+      if (request.cancellation != nullptr && request.cancellation->Requested()) return;
       const uint32_t begin = row_packets[face.first_row + static_cast<uint32_t>(row)];
       const uint32_t end = row_packets[face.first_row + static_cast<uint32_t>(row) + 1];
       EnterPackets(frame, face, row, tiles + begin, tiles + end, tiles, sorted_packets.data(), shadow.data(),
                    sorted_entries.data() + begin, sorted_histogram, sorted_reach);
     });
   }
+
+  if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
 
   // 2. Where each cell's entries start.
   row_entries.assign(rows + 1, 0);
@@ -808,7 +815,7 @@ absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& req
                           clusters.begin() + static_cast<std::ptrdiff_t>(end));
     const std::span<MaskScene::Cluster> mine(moved_clusters.data() + first_moved, end - first);
     request.scene->Place(moved.instance, moved.world_from_object, mine,
-                         moved_blocks.data() + blocks * kBlockFloats);
+                         moved_blocks.data() + blocks * kBlockFloats, request.cancellation);
     for (MaskScene::Cluster& cluster : mine) cluster.first_block += static_cast<uint32_t>(blocks);
     blocks += request.scene->BlocksOf(moved.instance);
     moved_ranges.push_back({first, end, first_moved});
@@ -890,6 +897,7 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
   state.search = request.method == MaskMethod::kBsp          ? Search::kBsp
                  : request.method == MaskMethod::kExhaustive ? Search::kExhaustive
                                                              : Search::kGrid;
+  state.cancellation = request.cancellation;
   state.cell_start = cell_start.data();
   state.entries = entries;
   state.bsp = bsp.data();
@@ -971,6 +979,7 @@ void MaskRenderer::Workspace::Walk(const MaskRequest& request) {
               const MaskState& mine = my_state();
               const int first = static_cast<int>(band) * kDeferredRows;
               for (const DeferredTriangle* triangle : all_deferred) {
+                if (mine.Cancelled()) return;
                 if (triangle->face == f) {
                   WalkDeferred(mine, *triangle, first, std::min(rows, first + kDeferredRows));
                 }
@@ -1109,11 +1118,13 @@ void MaskRenderer::Workspace::Resolve(const MaskRequest& request, size_t light) 
                       }
                     });
 
+  const Cancellation* const cancellation = request.cancellation;
   std::atomic<size_t> shadowed{0};
   tbb::parallel_for(tbb::blocked_range<size_t>(0, static_cast<size_t>(tile_rows) * layers.size(), 4),
                     [&](const tbb::blocked_range<size_t>& range) {
                       size_t count = 0;
                       for (size_t row = range.begin(); row != range.end(); ++row) {
+                        if (cancellation != nullptr && cancellation->Requested()) return;
                         count += ResolveTileRow(row, mask.bytes_per_row, transmit, light);
                       }
                       shadowed.fetch_add(count, std::memory_order_relaxed);
@@ -1253,7 +1264,7 @@ absl::Status MaskRenderer::Workspace::RenderLight(const MaskRequest& request, si
   // 4. Back to pixels.
   Resolve(request, light);
   mask.milliseconds.resolve = watch.Lap();
-  return absl::OkStatus();
+  return CancelledStatus(request.cancellation);
 }
 
 MaskRenderer::MaskRenderer() : workspace_(std::make_unique<Workspace>()) {}

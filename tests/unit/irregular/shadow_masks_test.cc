@@ -700,21 +700,42 @@ TEST(ShadowMasks, CancellationStopsTheWork) {
   request.cancellation = &late;
   EXPECT_EQ(renderer.Render(request).status().code(), absl::StatusCode::kDeadlineExceeded);
 
-  Cancellation soon;
-  request.cancellation = &soon;
-  std::chrono::steady_clock::time_point asked;
-  std::thread canceller([&] {
-    std::this_thread::sleep_for(std::chrono::milliseconds(30));
-    asked = std::chrono::steady_clock::now();
-    soon.Cancel();
-  });
-  const absl::Status status = renderer.Render(request).status();
-  const auto answered = std::chrono::steady_clock::now();
-  canceller.join();
-  EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
-  const double wait = std::chrono::duration<double, std::milli>(answered - asked).count();
-  std::cout << "cancelled after " << wait << " ms\n";
-  EXPECT_LT(wait, 500.0);  // 20 ms on a machine of its own; this one may be busy.
+  // At points all over a frame, and amid triangles that each meet every sample.
+  const auto full = std::chrono::steady_clock::now();
+  request.cancellation = nullptr;
+  ASSERT_TRUE(renderer.Render(request).ok());
+  const std::chrono::duration<double, std::milli> frame = std::chrono::steady_clock::now() - full;
+  std::vector<double> waits;
+  for (int i = 0; i < 15; ++i) {
+    request.method = i < 10 ? MaskMethod::kGrid : MaskMethod::kExhaustive;
+    const std::chrono::duration<double, std::milli> delay =
+        i < 10 ? (0.05 + 0.08 * i) * frame : 0.1 * i * frame;
+    Cancellation soon;
+    request.cancellation = &soon;
+    std::chrono::steady_clock::time_point asked;
+    std::thread canceller([&] {
+      std::this_thread::sleep_for(delay);
+      asked = std::chrono::steady_clock::now();
+      soon.Cancel();
+    });
+    const absl::Status status = renderer.Render(request).status();
+    const auto answered = std::chrono::steady_clock::now();
+    canceller.join();
+    if (status.ok()) continue;  // A busy machine: the canceller came late.
+    EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
+    waits.push_back(std::chrono::duration<double, std::milli>(answered - asked).count());
+  }
+  ASSERT_GE(waits.size(), 5u);
+  std::sort(waits.begin(), waits.end());
+  const double median = waits[waits.size() / 2];
+  std::cout << "cancelled " << waits.size() << " times, median " << median << " ms, most " << waits.back()
+            << " ms later\n";
+  // 20 ms on a machine of its own; this one may be busy, and a sanitizer slows what lies between two polls.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  EXPECT_LT(median, 500.0);
+#else
+  EXPECT_LT(median, 250.0);
+#endif
 }
 
 }  // namespace
