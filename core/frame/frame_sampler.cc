@@ -119,11 +119,12 @@ struct FrameSampler::Workspace {
 
   // Per active pixel: one that some light needs.
   std::vector<int32_t> active_pixels;
-  std::vector<uint32_t> active_bits;  ///< The pixel's shadow bits.
   std::vector<uint32_t>
       active_differing;  ///< Lights whose bit differs from a neighbour's on the same surface.
   std::vector<uint32_t>
       active_rim;  ///< Lights whose shadow reaches the screen border or a discontinuity here.
+  std::vector<std::array<uint32_t, 4>>
+      active_crossings;  ///< Lights whose bit differs from visible neighbour k's, on whatever surface.
   std::vector<uint8_t> active_continuous;  ///< Bit k: the surface goes on to neighbour k.
   PixelDepths active_depths;
   PixelSurfaces surfaces;
@@ -148,7 +149,8 @@ struct FrameSampler::Workspace {
   bool Continuous(std::ptrdiff_t i, std::ptrdiff_t step) const {
     return Smooth(i, step) || Smooth(i + step, step);
   }
-  void AddActive(std::ptrdiff_t i, uint32_t bits, uint32_t differing, uint32_t rim, uint8_t continuous);
+  void AddActive(std::ptrdiff_t i, const std::array<uint32_t, 4>& crossings, uint32_t differing, uint32_t rim,
+                 uint8_t continuous);
   void FindActive();
   void AddAllVisible(size_t stride);
   void UnprojectActive();
@@ -214,17 +216,17 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
 
   active_of_pixel.assign(planes.inverse_distance.size(), -1);
   active_pixels.clear();
-  active_bits.clear();
+  active_crossings.clear();
   active_differing.clear();
   active_rim.clear();
   active_continuous.clear();
 }
 
-void FrameSampler::Workspace::AddActive(std::ptrdiff_t i, uint32_t bits, uint32_t differing, uint32_t rim,
-                                        uint8_t continuous) {
+void FrameSampler::Workspace::AddActive(std::ptrdiff_t i, const std::array<uint32_t, 4>& crossings,
+                                        uint32_t differing, uint32_t rim, uint8_t continuous) {
   active_of_pixel[static_cast<size_t>(i)] = static_cast<int32_t>(active_pixels.size());
   active_pixels.push_back(static_cast<int32_t>(i));
-  active_bits.push_back(bits);
+  active_crossings.push_back(crossings);
   active_differing.push_back(differing);
   active_rim.push_back(rim);
   active_continuous.push_back(continuous);
@@ -236,17 +238,20 @@ void FrameSampler::Workspace::FindActive() {
     uint32_t differing = 0;
     uint32_t rim = 0;
     uint8_t continuous = 0;
+    std::array<uint32_t, 4> crossings{};
     const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
     for (size_t k = 0; k < neighbours.size(); ++k) {
       const std::ptrdiff_t step = neighbours[k];
-      if (!planes.Visible(i + step) || !Continuous(i, step)) {
+      const bool visible = planes.Visible(i + step);
+      if (visible) crossings[k] = here ^ planes.Bits(i + step);
+      if (!visible || !Continuous(i, step)) {
         rim |= here;
       } else {
-        differing |= here ^ planes.Bits(i + step);
+        differing |= crossings[k];
         continuous = static_cast<uint8_t>(continuous | (1u << k));
       }
     }
-    if ((differing | rim) != 0) AddActive(i, here, differing, rim, continuous);
+    if ((differing | rim) != 0) AddActive(i, crossings, differing, rim, continuous);
   }
 }
 
@@ -261,7 +266,7 @@ void FrameSampler::Workspace::AddAllVisible(size_t stride) {
       const bool chosen = seen++ % stride == 0;
       bool rim = false;
       for (const std::ptrdiff_t step : Neighbours()) rim = rim || !planes.Visible(i + step);
-      if ((chosen || rim) && active_of_pixel[static_cast<size_t>(i)] < 0) AddActive(i, 0, 0, 0, 0);
+      if ((chosen || rim) && active_of_pixel[static_cast<size_t>(i)] < 0) AddActive(i, {}, 0, 0, 0);
     }
   }
 }
@@ -344,10 +349,12 @@ void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightScratc
   light->hull.Pad();
   FillHull(surfaces, light->hull, ray_space, samples);
   const auto add = [&](const std::vector<EdgeAtHull>& from, BoundarySamples* to) {
-    to->Reserve(from.size());
-    for (const EdgeAtHull& edge : from) {
-      to->Add(samples->hull_rays[edge.hull], samples->hull_rays_dx1[edge.hull] / pixels_per_sample.x,
-              samples->hull_rays_dx2[edge.hull] / pixels_per_sample.y, samples->hull_along_ray[edge.hull],
+    const glm::dvec2 samples_per_pixel = 1.0 / pixels_per_sample;
+    to->Resize(from.size());
+    for (size_t i = 0; i < from.size(); ++i) {
+      const EdgeAtHull& edge = from[i];
+      to->Set(i, samples->hull_rays[edge.hull], samples->hull_rays_dx1[edge.hull] * samples_per_pixel.x,
+              samples->hull_rays_dx2[edge.hull] * samples_per_pixel.y, samples->hull_along_ray[edge.hull],
               edge.normal, edge.length);
     }
   };
@@ -380,14 +387,14 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
     int crossings = 0;
     int rough_crossings = 0;
     for (size_t k = 0; k < neighbours.size(); ++k) {
-      const std::ptrdiff_t next = pixel + neighbours[k];
-      if (((planes.Bits(next) ^ active_bits[i]) & light_bit) == 0 || !planes.Visible(next)) continue;
+      if ((active_crossings[i][k] & light_bit) == 0) continue;
       // Beside a discontinuity, an unknown surface or a terminator, where the light's cosine, carried on at
       // the same rate, reaches zero within a step, the edge may be anywhere.
       bool plain = facing[i] == Facing::kTowards && (active_continuous[i] >> k & 1) != 0;
       if (plain) {
         // On one surface and in different light: the neighbour is active, and this light concerns it.
-        const auto neighbour = static_cast<size_t>(active_of_pixel[static_cast<size_t>(next)]);
+        const auto neighbour =
+            static_cast<size_t>(active_of_pixel[static_cast<size_t>(pixel + neighbours[k])]);
         plain = facing[neighbour] == Facing::kTowards && 2.0 * cosine[i] - cosine[neighbour] > 0.0;
       }
       ++(plain ? crossings : rough_crossings);

@@ -2,41 +2,24 @@
 
 namespace shadowfit {
 
-void BoundarySamples::Clear() {
-  for (int k = 0; k < 3; ++k) {
-    r[k].clear();
-    dr1[k].clear();
-    dr2[k].clear();
-  }
-  q.clear();
-  n1.clear();
-  n2.clear();
-  length.clear();
-}
+void BoundarySamples::Clear() { Resize(0); }
 
-void BoundarySamples::Reserve(size_t count) {
+void BoundarySamples::Resize(size_t count) {
   for (int k = 0; k < 3; ++k) {
-    r[k].reserve(count);
-    dr1[k].reserve(count);
-    dr2[k].reserve(count);
+    r[k].resize(count);
+    dr1[k].resize(count);
+    dr2[k].resize(count);
   }
-  q.reserve(count);
-  n1.reserve(count);
-  n2.reserve(count);
-  length.reserve(count);
+  q.resize(count);
+  n1.resize(count);
+  n2.resize(count);
+  length.resize(count);
 }
 
 void BoundarySamples::Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
                           double along_ray, const glm::dvec2& normal, double edge_length) {
-  for (int k = 0; k < 3; ++k) {
-    r[k].push_back(ray[k]);
-    dr1[k].push_back(ray_dx1[k]);
-    dr2[k].push_back(ray_dx2[k]);
-  }
-  q.push_back(along_ray);
-  n1.push_back(normal.x);
-  n2.push_back(normal.y);
-  length.push_back(edge_length);
+  Resize(size() + 1);
+  Set(size() - 1, ray, ray_dx1, ray_dx2, along_ray, normal, edge_length);
 }
 
 void LightSamples::Clear() {

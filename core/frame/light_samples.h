@@ -20,7 +20,19 @@ struct BoundarySamples {
 
   size_t size() const { return n1.size(); }
   void Clear();
-  void Reserve(size_t count);
+  void Resize(size_t count);
+  void Set(size_t i, const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
+           double along_ray, const glm::dvec2& normal, double edge_length) {
+    for (glm::length_t k = 0; k < 3; ++k) {
+      r[k][i] = ray[k];
+      dr1[k][i] = ray_dx1[k];
+      dr2[k][i] = ray_dx2[k];
+    }
+    q[i] = along_ray;
+    n1[i] = normal.x;
+    n2[i] = normal.y;
+    length[i] = edge_length;
+  }
   void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2, double along_ray,
            const glm::dvec2& normal, double edge_length);
   glm::dvec3 Ray(size_t i) const { return {r[0][i], r[1][i], r[2][i]}; }
