@@ -18,6 +18,7 @@
 #include "core/baseline/methods.h"
 #include "core/bias/safe_bias.h"
 #include "core/bias/surface_samples.h"
+#include "core/budget/texel_budget.h"
 #include "core/reference/artefacts.h"
 #include "core/reference/shadow_map_test.h"
 #include "core/resolution/resolution.h"
@@ -37,14 +38,6 @@ struct Arguments {
   bool no_maps = false;
   bool no_bias = false;
 };
-
-/// The crop with another number of texels.
-ShadowProjection Resized(const ShadowProjection& projection, MapSize size) {
-  glm::dmat3 rows = glm::transpose(projection.texel_from_ray);
-  rows[0] *= double(size.width) / projection.size.width;
-  rows[1] *= double(size.height) / projection.size.height;
-  return {glm::transpose(rows), size};
-}
 
 class Study {
  public:
