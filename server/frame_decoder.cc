@@ -134,6 +134,12 @@ absl::Status DecodeLight(const v1::Light& light, const std::string& path, FrameD
   } else if (map_sizes == FrameDecoder::MapSizes::kRequired) {
     return FieldError(path + ".shadow_map", "missing");
   }
+  out->previous_map_size.reset();
+  if (light.has_previous_shadow_map()) {
+    absl::Status status = DecodeSize(light.previous_shadow_map(), path + ".previous_shadow_map",
+                                     &out->previous_map_size.emplace());
+    if (!status.ok()) return status;
+  }
   out->previous_clip_from_world.reset();
   if (!light.has_previous_world_to_shadow_clip()) return absl::OkStatus();
   return DecodeMatrix(true, light.previous_world_to_shadow_clip(), path + ".previous_world_to_shadow_clip",
@@ -187,6 +193,7 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
                                 &request->output_clip_depth));
   status.Update(DecodeMostMaps(frame.options().most_maps(), &options->standard));
   options->standard.free_aspect = frame.options().free_aspect();
+  if (frame.options().has_keep_within()) options->standard.keep_within = frame.options().keep_within();
   status.Update(DecodeSizing(frame.options(), &options->sizing));
   options->assess_quality = frame.options().assess_quality();
   request->safe_bias.reset();

@@ -68,14 +68,18 @@ void FrameWorker::Recall() {
     if (light.previous_clip_from_world) continue;
     const auto found = std::find_if(last_.begin(), last_.end(),
                                     [&light](const LastMatrix& last) { return last.id == light.id; });
-    if (found != last_.end()) light.previous_clip_from_world = found->clip_from_world;
+    if (found == last_.end()) continue;
+    light.previous_clip_from_world = found->clip_from_world;
+    light.previous_map_size = found->size;
   }
 }
 
 void FrameWorker::Remember() {
   last_clip_depth_ = request_.output_clip_depth;
   last_.clear();
-  for (const LightSummary& light : summary_.lights) last_.push_back({light.id, light.clip_from_world});
+  for (const LightSummary& light : summary_.lights) {
+    last_.push_back({light.id, light.clip_from_world, light.projection.size});
+  }
 }
 
 }  // namespace shadowfit

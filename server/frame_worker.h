@@ -32,6 +32,7 @@ class FrameWorker {
   struct LastMatrix {
     uint32_t id = 0;
     glm::dmat4 clip_from_world{1.0};
+    MapSize size;
   };
 
   absl::Status Optimize(const v1::Frame& frame, const JobContext& job, v1::FrameResult* result);

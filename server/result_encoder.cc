@@ -103,6 +103,7 @@ void EncodeResult(uint64_t frame_id, const FrameSummary& summary, double queue_s
     to.set_hull_samples(static_cast<uint32_t>(from.hull_samples));
     to.set_evaluations(static_cast<uint32_t>(from.evaluations));
     to.set_optimize_seconds(from.seconds);
+    if (from.swim_pixels) to.set_swim_pixels(*from.swim_pixels);
     if (from.safe_bias) EncodeBias(*from.safe_bias, to.mutable_safe_bias());
     if (from.quality) EncodeQuality(*from.quality, to.mutable_quality());
     if (from.atlas_position) EncodePosition(*from.atlas_position, to.mutable_atlas_position());

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -32,6 +33,7 @@ struct OptimizeArguments {
   v1::SizeRounding rounding = v1::SIZE_ROUNDING_UNSPECIFIED;
   uint32_t min_side = 0;
   uint32_t max_side = 0;
+  std::optional<double> keep_within;
   std::string server;
   double timeout_seconds = 30.0;
 };
@@ -135,6 +137,7 @@ void RunOptimize(const OptimizeArguments& arguments, bool json) {
   if (arguments.bias_format != v1::SHADOW_MAP_FORMAT_UNSPECIFIED) bias.set_format(arguments.bias_format);
   if (arguments.pcf_radius != 0) bias.set_pcf_radius(arguments.pcf_radius);
   frame.mutable_options()->set_assess_quality(true);
+  if (arguments.keep_within) frame.mutable_options()->set_keep_within(*arguments.keep_within);
   SetSizing(arguments, frame.mutable_options());
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
   CallOptions call;
@@ -211,6 +214,12 @@ void AddOptimizeCommand(CLI::App& app) {
                    "Sides of maps that are sized: exact, 8 (a multiple), power_of_two")
       ->transform(CLI::CheckedTransformer(roundings))
       ->type_name("ROUNDING");
+  command
+      ->add_option(
+          "--keep-within", arguments->keep_within,
+          "The frame's previous matrices stay while they get at most so many times the pixels of new "
+          "ones wrong (default 1.1, at least 1); 0: never")
+      ->type_name("K");
   command->add_option("--out", arguments->out, "Write shadowfit.v1.FrameResult as Protobuf JSON")
       ->type_name("RESULT.json");
   command->add_option("--timeout", arguments->timeout_seconds, "Give up after so many seconds")

@@ -1,6 +1,8 @@
 #include "core/fit/default_method.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <optional>
 
 #include "core/fit/map_partition.h"
@@ -14,14 +16,27 @@ namespace {
 /// samples: until they have moved through it, the next frames need not rescale again.
 constexpr double kBorder = 0.02;
 
+/// Of a kept matrix: with a free aspect ratio, the ratio stays as well, and with it every texel where the number
+/// of texels does.
+MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
+  const MapSize previous = problem.previous->size;
+  if (!options.free_aspect) return problem.map_size;
+  const double share = previous.texels() / problem.map_size.texels();
+  if (share <= 1.0 && share > 0.98) return previous;
+  const double stretch = double(previous.width) / previous.height;
+  const int width = std::max(1, static_cast<int>(std::sqrt(problem.map_size.texels() * stretch)));
+  return {width, std::max(1, static_cast<int>(problem.map_size.texels() / width))};
+}
+
 }  // namespace
 
 absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
   const MapPartition partition = PartitionMaps(problem, options_);
   LightFit fit;
-  if (partition.maps.size() == 1 && partition.maps[0].complete && problem.previous != nullptr) {
+  if (partition.maps.size() == 1 && partition.maps[0].complete && problem.previous != nullptr &&
+      options_.keep_within > 0.0) {
     const std::optional<ShadowProjection> kept = RescaleToHold(
-        *problem.previous, partition.maps[0].projection.size, problem.samples->hull_rays, kBorder);
+        *problem.previous, KeptSize(problem, options_), problem.samples->hull_rays, kBorder);
     const std::array fresh = {partition.maps[0].projection};
     if (kept && PredictMisclassifiedPixels(*problem.samples, {&*kept, 1}) <=
                     options_.keep_within * PredictMisclassifiedPixels(*problem.samples, fresh)) {

@@ -16,6 +16,7 @@
 #include "core/fit/method_factory.h"
 #include "core/fit/metric.h"
 #include "core/fit/prediction.h"
+#include "core/fit/swim.h"
 #include "core/frame/for_lights.h"
 #include "core/frame/frame_sampler.h"
 
@@ -95,6 +96,10 @@ absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray
     absl::StatusOr<RaySpace> space = RaySpace::Create(light.light);
     if (!space.ok()) return Within(absl::StrCat(path, ".", KindName(light.light)), space.status());
     ray_spaces->push_back(*std::move(space));
+    if (light.previous_map_size) {
+      absl::Status status = CheckMapSize(path + ".previous_shadow_map", *light.previous_map_size);
+      if (!status.ok()) return status;
+    }
     if (!light.previous_clip_from_world) continue;
     for (int k = 0; k < 16; ++k) {
       const double entry = (*light.previous_clip_from_world)[k / 4][k % 4];
@@ -105,6 +110,14 @@ absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray
     }
   }
   return absl::OkStatus();
+}
+
+absl::Status CheckKnobs(const DefaultOptions& options) {
+  if (options.keep_within == 0.0 || (std::isfinite(options.keep_within) && options.keep_within >= 1.0)) {
+    return absl::OkStatus();
+  }
+  return Invalid(
+      absl::StrFormat("options.keep_within: %g, must be 0, or finite and at least 1", options.keep_within));
 }
 
 absl::Status CancelledStatus(const Cancellation& cancellation) {
@@ -248,6 +261,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     if (absl::Status status = CheckBounds(*request.ws_scene_bounds); !status.ok()) return status;
   }
   if (absl::Status status = CheckSizing(options.sizing); !status.ok()) return status;
+  if (absl::Status status = CheckKnobs(options.standard); !status.ok()) return status;
   const std::unique_ptr<LightMatrixMethod> method = MakeMethod(options);
 
   FrameExtent extent;
@@ -287,8 +301,8 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     problem.farthest_ndc_depth = extent.farthest_ndc_depth;
     problem.ws_scene_bounds = ws_scene_bounds;
     if (light.previous_clip_from_world) {
-      if (ProjectionFromClip(work.ray_spaces[i], *light.previous_clip_from_world, light.map_size,
-                             &previous[i])) {
+      if (ProjectionFromClip(work.ray_spaces[i], *light.previous_clip_from_world,
+                             light.previous_map_size.value_or(light.map_size), &previous[i])) {
         problem.previous = &previous[i];
       } else {
         result.note = "the previous matrix is not this light's and was ignored";
@@ -341,6 +355,9 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
       result.predicted_misclassified_pixels = PredictMisclassifiedPixels(samples, ProjectionsOf(result));
+    }
+    if (fits[i].problem.previous != nullptr && result.further_maps.empty()) {
+      result.swim_pixels = MeanSwim(samples, previous[i], result.projection);
     }
     if (options.assess_quality) {
       result.quality =

@@ -31,6 +31,8 @@ struct LightRequest {
   /// so.
   std::optional<glm::dmat4> previous_clip_from_world;
   double weight = 1.0;  ///< What a wrong pixel of this light counts where texels are shared. Above 0.
+  /// Texels of the map that the previous matrix made, 1 to kMaxMapSize a side; none: `map_size`.
+  std::optional<MapSize> previous_map_size = std::nullopt;
 };
 
 inline constexpr int kMaxLights = 32;
@@ -70,6 +72,9 @@ struct LightSummary : LightMap {
 
   double predicted_misclassified_pixels = 0.0;  ///< On the final screen.
   double objective = 0.0;                       ///< The papers' h at the returned matrix.
+  /// Mean motion of texel centres on the receivers since the previous frame, in pixels of the final screen
+  /// (swim.h). Where the request has a previous matrix of this light, and the light one map.
+  std::optional<double> swim_pixels;
   /// Why the prediction is what it is; without shadow edges, of every edge that there might be. Where
   /// Options::assess_quality asks for it.
   std::optional<MapQuality> quality;

@@ -249,6 +249,21 @@ const std::vector<Malformed>& Table() {
        [](v1::Frame& f) { f.mutable_options()->set_most_maps(7); }},
       {"unknown method", "options.method",
        [](Frame& f) { f.mutable_options()->set_method(static_cast<v1::Method>(99)); }},
+      {"keep_within below 1", "options.keep_within",
+       [](Frame& f) { f.mutable_options()->set_keep_within(0.99); }},
+      {"negative keep_within", "options.keep_within",
+       [](Frame& f) { f.mutable_options()->set_keep_within(-1.5); }},
+      {"keep_within of NaN", "options.keep_within",
+       [](Frame& f) { f.mutable_options()->set_keep_within(kNan); }},
+      {"keep_within of infinity", "options.keep_within",
+       [](Frame& f) { f.mutable_options()->set_keep_within(kInfinity); }},
+      {"previous map of no width", "lights[1].previous_shadow_map.width",
+       [](Frame& f) { f.mutable_lights(1)->mutable_previous_shadow_map()->set_height(64); }},
+      {"previous map of 2^31 rows", "lights[0].previous_shadow_map.height",
+       [](Frame& f) {
+         f.mutable_lights(0)->mutable_previous_shadow_map()->set_width(64);
+         f.mutable_lights(0)->mutable_previous_shadow_map()->set_height(kHuge);
+       }},
       {"light of weight 0", "lights[1].weight", [](Frame& f) { f.mutable_lights(1)->set_weight(0.0); }},
       {"light of NaN weight", "lights[0].weight", [](Frame& f) { f.mutable_lights(0)->set_weight(kNan); }},
       {"budget of nothing", "options.texel_budget.total_texels",

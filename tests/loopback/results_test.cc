@@ -127,6 +127,82 @@ TEST(Results, AStreamRemembersWhatAUnaryCallIsTold) {
   EXPECT_GT(kept, 0) << "the walk never made use of a previous matrix: this test shows nothing";
 }
 
+TEST(Results, SayHowFarTexelsMovedWherePreviousOnesAreKnown) {
+  const testing::Loopback loopback;
+  const auto client = loopback.Connect();
+  OwnedFrame owned = testing::WalkFrame(11, 1, 90, 70, 3);
+  const auto first = client->Optimize(WireFrame(1, owned.request));
+  ASSERT_TRUE(first.ok()) << first.status();
+  for (const v1::LightResult& light : first->lights()) EXPECT_FALSE(light.has_swim_pixels());
+
+  owned = testing::WalkFrame(11, 2, 90, 70, 3);
+  v1::Frame frame = WireFrame(2, owned.request);
+  for (int i = 0; i < 3; ++i) {
+    *frame.mutable_lights(i)->mutable_previous_world_to_shadow_clip() =
+        first->lights(i).world_to_shadow_clip();
+    glm::dmat4& matrix = owned.request.lights[static_cast<size_t>(i)].previous_clip_from_world.emplace();
+    for (int k = 0; k < 16; ++k) matrix[k / 4][k % 4] = first->lights(i).world_to_shadow_clip().m(k);
+  }
+  // The knob: never, by default, and whatever it costs.
+  double least_swim = 1e300;
+  for (const double keep : {0.0, 1.1, 1e6}) {
+    if (keep != 1.1) frame.mutable_options()->set_keep_within(keep);
+    if (keep == 1.1) frame.mutable_options()->clear_keep_within();
+    Options options;
+    options.standard.keep_within = keep;
+    FrameSummary summary;
+    ASSERT_TRUE(FrameOptimizer().Optimize(owned.request, options, Cancellation(), &summary).ok());
+    const auto result = client->Optimize(frame);
+    ASSERT_TRUE(result.ok()) << result.status();
+    EXPECT_EQ(MatrixBytes(*result), MatrixBytes(summary)) << keep;
+    double swim = 0.0;
+    for (int i = 0; i < 3; ++i) {
+      const v1::LightResult& light = result->lights(i);
+      const std::optional<double> expected = summary.lights[static_cast<size_t>(i)].swim_pixels;
+      EXPECT_EQ(light.has_swim_pixels(), expected.has_value());
+      EXPECT_EQ(light.swim_pixels(), expected.value_or(0.0));
+      swim += light.swim_pixels();
+      if (keep == 0.0) {
+        EXPECT_NE(light.outcome(), v1::FIT_OUTCOME_KEPT_PREVIOUS);
+      }
+      if (keep == 1e6 && light.further_maps_size() == 0) {
+        EXPECT_EQ(light.outcome(), v1::FIT_OUTCOME_KEPT_PREVIOUS) << i;
+      }
+    }
+    EXPECT_GT(swim, 0.0);
+    EXPECT_LE(swim, least_swim) << keep;
+    least_swim = swim;
+  }
+}
+
+TEST(Results, TexelsOfAStreamStayWhereNothingMoves) {
+  const testing::Loopback loopback;
+  const auto client = loopback.Connect();
+  // Maps of a width and height of their own: the stream must remember these, too.
+  v1::Frame frame = WireFrame(1, testing::WalkFrame(11, 1, 90, 70, 3).request);
+  frame.mutable_options()->set_free_aspect(true);
+  frame.mutable_options()->set_most_maps(1);
+  const auto stream = client->OpenStream();
+  v1::FrameResult first;
+  for (uint64_t id = 1; id <= 3; ++id) {
+    v1::Frame* slot = stream->Acquire();
+    ASSERT_NE(slot, nullptr);
+    *slot = frame;
+    slot->set_frame_id(id);
+    ASSERT_TRUE(stream->Submit(slot).ok());
+    const auto outcome = stream->Wait(5s);
+    ASSERT_TRUE(outcome.has_value() && outcome->result.ok());
+    if (id == 1) first = *outcome->result;
+    for (int i = 0; i < 3 && id > 1; ++i) {
+      const v1::LightResult& light = outcome->result->lights(i);
+      EXPECT_EQ(light.outcome(), v1::FIT_OUTCOME_KEPT_PREVIOUS);
+      EXPECT_EQ(light.shadow_map().width(), first.lights(i).shadow_map().width());
+      EXPECT_EQ(light.shadow_map().height(), first.lights(i).shadow_map().height());
+      EXPECT_LT(light.swim_pixels(), 1e-6);
+    }
+  }
+}
+
 TEST(Results, DoNotDependOnWhatElseRuns) {
   constexpr int kStreams = 24;
   constexpr uint64_t kFrames = 6;

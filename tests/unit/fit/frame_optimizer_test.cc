@@ -400,6 +400,84 @@ TEST(RescaleToHold, KeepsAxisAndDirectionsAndHoldsAllRays) {
   EXPECT_FALSE(RescaleToHold(previous, {200, 50}, rays, 0.1).has_value());
 }
 
+/// Extremes of the rays' texel coordinates.
+std::pair<glm::dvec2, glm::dvec2> ReachOf(const ShadowProjection& projection,
+                                          const std::vector<glm::dvec3>& rays) {
+  glm::dvec2 low(1e300);
+  glm::dvec2 high(-1e300);
+  for (const glm::dvec3& r : rays) {
+    low = glm::min(low, glm::dvec2(projection.TexelFromRay(r)));
+    high = glm::max(high, glm::dvec2(projection.TexelFromRay(r)));
+  }
+  return {low, high};
+}
+
+TEST(RescaleToHold, LosesNoRayAndMovesTexelsByWholeOnesWhereTheyFit) {
+  std::mt19937 random(5);
+  int stayed = 0;
+  int shifted = 0;
+  int scaled = 0;
+  for (int trial = 0; trial < 4000; ++trial) {
+    const int side = 1 << (2 + trial % 8);
+    const MapSize size{side, side + trial % 5};
+    glm::dmat3 matrix(
+        glm::dvec3(Uniform(random, 0.5, 1), Uniform(random, -0.4, 0.4), Uniform(random, -0.1, 0.1)),
+        glm::dvec3(Uniform(random, -0.4, 0.4), Uniform(random, 0.5, 1), Uniform(random, -0.1, 0.1)),
+        glm::dvec3(0, 0, 1));
+    std::vector<glm::dvec3> rays;
+    for (int i = 0; i < 12; ++i) rays.emplace_back(Uniform(random, -1, 1), Uniform(random, -1, 1), 1.0);
+    // A map that fits, more or less.
+    const auto [low, high] = ReachOf({matrix, size}, rays);
+    const glm::dvec2 sides(size.width, size.height);
+    const glm::dvec2 scale = sides / (high - low) * Uniform(random, 0.6, 1.15);
+    const glm::dvec2 shift = 0.5 * sides - scale * 0.5 * (low + high) +
+                             sides * glm::dvec2(Uniform(random, -0.4, 0.4), Uniform(random, -0.4, 0.4));
+    matrix = glm::dmat3(glm::dvec3(scale.x, 0, 0), glm::dvec3(0, scale.y, 0), glm::dvec3(shift, 1)) * matrix;
+    const ShadowProjection previous{WithUnitAxis(matrix), size};
+    const std::optional<ShadowProjection> held = RescaleToHold(previous, size, rays, 0.02);
+    ASSERT_TRUE(held.has_value());
+    ASSERT_EQ(held->size, size);
+    const auto [held_low, held_high] = ReachOf(*held, rays);
+    const auto [old_low, old_high] = ReachOf(previous, rays);
+    for (int axis = 0; axis < 2; ++axis) {
+      ASSERT_GE(held_low[axis], -1e-9) << trial;
+      ASSERT_LE(held_high[axis], sides[axis] + 1e-9) << trial;
+      const double grown = (held_high[axis] - held_low[axis]) / (old_high[axis] - old_low[axis]);
+      const double move = held_low[axis] - old_low[axis];
+      if (old_low[axis] >= 0.0 && old_high[axis] <= sides[axis]) {
+        ASSERT_NEAR(move, 0.0, 1e-9) << trial;
+        ++stayed;
+      } else if (old_high[axis] - old_low[axis] <= sides[axis] - 1.0) {
+        ASSERT_NEAR(grown, 1.0, 1e-9) << trial;
+        ASSERT_NEAR(move, std::round(move), 1e-9) << trial;
+        ++shifted;
+      } else if (std::abs(grown - 1.0) > 1e-9) {
+        const double steps = std::log(grown) / std::log(kScaleStep);
+        ASSERT_NEAR(steps, std::round(steps), 1e-6) << trial;
+        // Texels no more than a step larger than needed.
+        ASSERT_GT((held_high[axis] - held_low[axis]) * kScaleStep, 0.96 * sides[axis] - 1e-9) << trial;
+        ++scaled;
+      }
+    }
+  }
+  EXPECT_GT(stayed, 500);
+  EXPECT_GT(shifted, 500);
+  EXPECT_GT(scaled, 500);
+}
+
+TEST(RescaleToHold, KeepsTheMapsPartOfSpaceWhereItsSizeAloneChanges) {
+  const ShadowProjection previous{WithUnitAxis(glm::dmat3({3, 1, 0.1}, {-1, 2, 0.0}, {40, 50, 1.0})),
+                                  {100, 100}};
+  const std::vector<glm::dvec3> rays = {{0, 0, 1}, {3, 1, 1}};
+  const std::optional<ShadowProjection> held = RescaleToHold(previous, {300, 50}, rays, 0.02);
+  ASSERT_TRUE(held.has_value());
+  EXPECT_EQ(held->size, (MapSize{300, 50}));
+  for (const glm::dvec3& r : rays) {
+    const glm::dvec2 expected = glm::dvec2(previous.TexelFromRay(r)) * glm::dvec2(3.0, 0.5);
+    EXPECT_LT(glm::distance(glm::dvec2(held->TexelFromRay(r)), expected), 1e-9);
+  }
+}
+
 TEST(FrameOptimizer, NamesTheFieldOfBadInput) {
   const auto expect = [](auto&& spoil, const std::string& beginning) {
     OwnedFrame frame =
