@@ -184,12 +184,10 @@ TEST_P(EveryMethod, KeepsTheWindingOfTriangles) {
 }
 
 TEST_P(EveryMethod, ServesOrStatesDegenerateConfigurations) {
-  const glm::dvec3 camera_forward = [] {
-    std::mt19937 random(5);
-    testing::RandomSpheres(random, 12);
-    const CameraMatrices matrices = testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne);
-    return -glm::dvec3(glm::transpose(matrices.view_from_world)[2]);
-  }();
+  const glm::dmat4 world_from_view =
+      glm::inverse(StandardFrame({MakeLight(DirectionalLight{})}, 2).request.camera.view_from_world);
+  const glm::dvec3 camera_forward = -glm::dvec3(world_from_view[2]);
+  const glm::dvec3 camera_eye(world_from_view[3]);
   struct Case {
     const char* name;
     Light light;
@@ -206,6 +204,12 @@ TEST_P(EveryMethod, ServesOrStatesDegenerateConfigurations) {
       {"sun from below", DirectionalLight{{0, 0, 1}}},
       {"very far point", PointLight{{1e7, 1e7, 1e7}}},
       {"sun at noon", DirectionalLight{{0, 0, -1}}},
+      {"dueling frusta, spot",
+       SpotLight{camera_eye + 12.0 * camera_forward + glm::dvec3(0, 0, 3), -camera_forward, 0.7}},
+      {"dueling frusta, point", PointLight{camera_eye + 30.0 * camera_forward + glm::dvec3(0, 0, 12)}},
+      {"in the floor that is seen", PointLight{{0, 0, 0}}},
+      {"just above the floor", PointLight{{12, 3, 1e-6}}},
+      {"sun in the floor's plane but for a hair", DirectionalLight{{1, 0.2, -1e-9}}},
   };
   for (const Case& c : cases) {
     SCOPED_TRACE(c.name);
@@ -254,6 +258,111 @@ TEST_P(EveryMethod, ServesAllLitAllShadowedAndEmptyFrames) {
     SCOPED_TRACE("one visible pixel");
     frame.depth[1000] = 0.9f;
     ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+  }
+}
+
+TEST_P(EveryMethod, ServesOneBoundarySample) {
+  OwnedFrame frame =
+      StandardFrame({MakeLight(DirectionalLight{{0.3, 0.2, -1}}), MakeLight(PointLight{{3, 2, 9}}, 2)});
+  int served = 0;
+  for (size_t pixel = 0; pixel < frame.bits.size(); pixel += 61) {
+    std::fill(frame.bits.begin(), frame.bits.end(), 0);
+    frame.bits[pixel] = 3;
+    const FrameSummary summary = Optimize(frame.request, GetParam());
+    ExpectUsable(frame.request, summary);
+    for (const LightSummary& light : summary.lights) {
+      if (light.sample_source != SampleSource::kShadowBoundary) continue;
+      EXPECT_LE(light.boundary_samples, 9);
+      EXPECT_TRUE(std::isfinite(light.predicted_misclassified_pixels));
+      ++served;
+    }
+  }
+  EXPECT_GT(served, 10);
+  // Two pixels see anything, and one of them is in shadow.
+  const std::vector<float> depth = frame.depth;
+  for (size_t pixel = 0; pixel + 1 < depth.size(); pixel += 61) {
+    std::fill(frame.depth.begin(), frame.depth.end(), 1.0f);
+    std::fill(frame.bits.begin(), frame.bits.end(), 0);
+    frame.depth[pixel] = depth[pixel];
+    frame.depth[pixel + 1] = depth[pixel + 1];
+    frame.bits[pixel] = 3;
+    ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+  }
+}
+
+TEST_P(EveryMethod, ServesCollinearHulls) {
+  // A single row of the picture sees the ground: a line.
+  AnalyticScene scene;
+  std::mt19937 random(8);
+  OwnedFrame frame =
+      testing::Draw(scene, testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 48, 48,
+                    {MakeLight(PointLight{{3, 4, 9}}, 1), MakeLight(DirectionalLight{{0, 1, -1}}, 2)});
+  const std::vector<float> depth = frame.depth;
+  for (const bool column : {false, true}) {
+    int visible = 0;
+    for (size_t pixel = 0; pixel < depth.size(); ++pixel) {
+      const bool kept = column ? pixel % 48 == 20 : pixel / 48 == 9;
+      frame.depth[pixel] = kept ? depth[pixel] : 1.0f;
+      frame.bits[pixel] = pixel % 5 == 0 ? 3 : 0;
+      visible += frame.depth[pixel] < 1.0f;
+    }
+    ASSERT_GT(visible, 10);
+    ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+  }
+}
+
+TEST_P(EveryMethod, ServesSamplesOnOneRay) {
+  // The middle row of the picture lies in the plane z = 2, and what it sees on one line in it.
+  constexpr int kSize = 33;
+  CameraMatrices camera;
+  camera.view_from_world = glm::lookAtRH(glm::dvec3(0, -10, 2), glm::dvec3(0, 0, 2), glm::dvec3(0, 0, 1));
+  camera.clip_from_view = testing::Perspective(1.0, 1.0, 0.5, 100.0, ClipDepth::kNegativeOneToOne);
+  const glm::dvec3 ws_start(-3.0, -2.0, 2.0);
+  const glm::dvec3 along = glm::normalize(glm::dvec3(0.6, 0.8, 0.0));
+  for (const Light& light : {Light(DirectionalLight{along}), Light(PointLight{ws_start - 4.0 * along}),
+                             Light(SpotLight{ws_start - 4.0 * along, along, 0.3})}) {
+    OwnedFrame frame;
+    frame.request.camera = camera;
+    frame.request.lights = {MakeLight(light)};
+    frame.depth.assign(kSize * kSize, 1.0f);
+    frame.bits.assign(kSize * kSize, 0);
+    const glm::dmat4 clip_from_world = camera.clip_from_view * camera.view_from_world;
+    int visible = 0;
+    for (int x = 0; x < kSize; ++x) {
+      const double slope = ((x + 0.5) * 2.0 / kSize - 1.0) * std::tan(0.5);
+      // (slope, 1) s from the eye meets the line.
+      const double s = (ws_start.x * along.y - (ws_start.y + 10.0) * along.x) / (slope * along.y - along.x);
+      const glm::dvec3 ws(slope * s, s - 10.0, 2.0);
+      if (!(s > 1.0) || !(s < 90.0) || glm::dot(ws - ws_start, along) < 0.0) continue;
+      const glm::dvec4 clip = clip_from_world * glm::dvec4(ws, 1.0);
+      const size_t pixel = static_cast<size_t>(kSize / 2 * kSize + x);
+      frame.depth[pixel] = static_cast<float>(0.5 * clip.z / clip.w + 0.5);
+      frame.bits[pixel] = static_cast<uint32_t>(x % 3 == 0);
+      ++visible;
+    }
+    ASSERT_GT(visible, 5);
+    frame.request.depth = BottomFirst(frame.depth.data(), kSize, kSize);
+    for (const bool with_bits : {true, false}) {
+      frame.request.bits.reset();
+      if (with_bits) frame.request.bits = BottomFirst(frame.bits.data(), kSize, kSize);
+      ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+    }
+  }
+}
+
+TEST_P(EveryMethod, ServesThirtyTwoLights) {
+  std::mt19937 random(15);
+  std::vector<LightRequest> lights;
+  for (uint32_t i = 0; i < kMaxLights; ++i) lights.push_back(testing::RandomLight(random, i));
+  OwnedFrame frame = StandardFrame(lights);
+  const FrameSummary summary = Optimize(frame.request, GetParam());
+  ExpectUsable(frame.request, summary);
+  // Each is fitted as it would be alone.
+  for (const size_t i : {0U, 17U, 31U}) {
+    OwnedFrame alone = StandardFrame({lights[i]});
+    EXPECT_EQ(Optimize(alone.request, GetParam()).lights[0].clip_from_world,
+              summary.lights[i].clip_from_world)
+        << i;
   }
 }
 
