@@ -40,6 +40,8 @@ struct Arguments {
   std::vector<double> target;
   bool times = false;
   int artefact_lights = 10;
+  double certify = 0.0;
+  double certify_time = 60.0;
   std::string out;
 };
 
@@ -120,6 +122,8 @@ ComparisonOptions OptionsOf(const Arguments& arguments) {
   }
   options.frame_times = arguments.times;
   options.artefact_lights = arguments.artefact_lights;
+  options.certify_tolerance = arguments.certify;
+  options.certify_seconds = arguments.certify_time;
   options.folder = arguments.out;
   return options;
 }
@@ -219,6 +223,17 @@ void AddCompareCommand(CLI::App& app) {
                    "Count acne, detached shadows, jagged edges and flicker for so many lights of each kind; "
                    "0: for none")
       ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  CLI::Option* certify =
+      command
+          ->add_option(
+              "--certify", arguments->certify,
+              "Prove how far each single map of default is from the best there is, to a tolerance as 0.01")
+          ->check(CLI::Range(1e-6, 0.999))
+          ->type_name("TOLERANCE");
+  command->add_option("--certify-time", arguments->certify_time, "Seconds after which a proof is given up")
+      ->check(CLI::PositiveNumber)
+      ->needs(certify)
       ->capture_default_str();
   command->add_flag("--times", arguments->times,
                     "Measure, too, what a frame of 1 to 32 lights costs each method");

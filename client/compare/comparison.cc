@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/compare/artefact_study.h"
+#include "client/compare/certificate_study.h"
 #include "client/compare/comparison_report.h"
 #include "client/compare/record_store.h"
 #include "core/fit/frame_optimizer.h"
@@ -28,6 +29,10 @@ absl::Status Validate(const ComparisonOptions& options) {
       return invalid(absl::StrFormat("methods.%s.map_size: %dx%d, both must be positive", method.name,
                                      method.map_size.width, method.map_size.height));
     }
+  }
+  if (!(options.certify_tolerance >= 0.0) || !(options.certify_tolerance < 1.0)) {
+    return invalid(
+        absl::StrFormat("certify: %g, a share above 0 and below 1 is accepted", options.certify_tolerance));
   }
   if (options.sets.empty()) return invalid("sets: empty, at least one is needed");
   std::set<LightPlacement> placements;
@@ -80,11 +85,21 @@ double ThreadSeconds() {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
+/// Whether what was kept of a light has all that is asked for. Where a light has no certificate because it
+/// cannot have one, it is tried again: that costs nothing.
+bool Serves(const MethodRecord& kept, const MethodVariant& method, bool with_artefacts,
+            const ComparisonOptions& options) {
+  if (with_artefacts && !kept.artefacts) return false;
+  if (!(options.certify_tolerance > 0.0) || method.options.method != Method::kDefault) return true;
+  if (!kept.certificate || kept.certificate->tolerance != options.certify_tolerance) return false;
+  return kept.certificate->complete || kept.certificate->time_limit >= options.certify_seconds;
+}
+
 /// One method's matrices for one light: the summary of the last of three runs, the median of their times.
 MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const LightStudy& light,
-                        const MethodVariant& method, MapSize screen, FrameOptimizer* optimizer,
-                        const ArtefactStudy* artefacts) {
-  FrameRequest request = RequestOf(truth, view, screen);
+                        const MethodVariant& method, const ComparisonOptions& options,
+                        FrameOptimizer* optimizer, const ArtefactStudy* artefacts) {
+  FrameRequest request = RequestOf(truth, view, options.screen);
   request.bits = light.Bits(view);
   LightRequest& wanted = request.lights.emplace_back();
   wanted.light = light.light;
@@ -118,6 +133,10 @@ MethodRecord MeasureFit(const TruthScene& truth, const ViewStudy& view, const Li
   } else {
     record.note = absl::StrCat("failed: ", wrong.status().message());
     record.wrong_pixels = light.shadowed_pixels;
+  }
+  if (options.certify_tolerance > 0.0 && method.options.method == Method::kDefault) {
+    record.certificate = CertifyFit(view, light, request, method.options.standard, fit,
+                                    options.certify_tolerance, options.certify_seconds);
   }
   if (artefacts != nullptr) {
     const absl::StatusOr<ArtefactRecord> measured =
@@ -224,7 +243,7 @@ absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOpt
         const MethodVariant& method = options.methods[m];
         const bool with_artefacts = i < options.artefact_lights;
         const auto* line = store ? store->Find(set.placement, i, method.name) : nullptr;
-        if (line != nullptr && (!with_artefacts || line->record.artefacts)) {
+        if (line != nullptr && Serves(line->record, method, with_artefacts, options)) {
           record.concerned_pixels = line->concerned_pixels;
           record.shadowed_pixels = line->shadowed_pixels;
           record.methods.push_back(line->record);
@@ -239,7 +258,7 @@ absl::StatusOr<Comparison> RunComparison(const Scene& scene, const ComparisonOpt
         }
         std::optional<ArtefactStudy>& artefact_study = artefact_studies[static_cast<size_t>(record.view)];
         if (with_artefacts && !artefact_study) artefact_study.emplace(*truth, view, options.screen);
-        record.methods.push_back(MeasureFit(*truth, view, *study, method, options.screen, &optimizers[m],
+        record.methods.push_back(MeasureFit(*truth, view, *study, method, options, &optimizers[m],
                                             with_artefacts ? &*artefact_study : nullptr));
         if (!store) continue;
         const absl::Status status = store->Append({set.placement, i, method.name, record.concerned_pixels,

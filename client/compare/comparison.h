@@ -43,6 +43,10 @@ struct ComparisonOptions {
   std::optional<StandPoint> stand_point;
   /// Count artefacts for the first so many lights of each set: they take about three times as long again.
   int artefact_lights = 10;
+  /// Above 0: bound how far each of the default method's single maps is from the best one, to this tolerance
+  /// (core/fit/certify.h), giving up after so many seconds.
+  double certify_tolerance = 0.0;
+  double certify_seconds = 60.0;
   /// Measure what frames of several lights cost, in the first view with the first set's lights.
   bool frame_times = false;
   /// Results are kept here light by light, and read back by the next run; empty keeps nothing.
@@ -55,6 +59,17 @@ struct ArtefactRecord {
   int flicker = 0;        ///< Whose answer changes, depth errors aside, when the camera turns by a degree.
 };
 
+/// How far one light's single map is from the best one by the `edge` metric: between least_gap and most_gap,
+/// as shares of the best one's.
+struct CertificateRecord {
+  double tolerance = 0.0;  ///< That was asked for.
+  double time_limit = 0.0;
+  bool complete = false;  ///< The best one is known to the tolerance.
+  double least_gap = 0.0;
+  double most_gap = 0.0;  ///< 0 where incomplete and nothing is known.
+  double seconds = 0.0;
+};
+
 /// One method's answer for one light.
 struct MethodRecord {
   int wrong_pixels = 0;
@@ -64,6 +79,7 @@ struct MethodRecord {
   int evaluations = 0;
   std::string note;  ///< A fallback's reason, or "failed: ..."; then the count is that of no map at all.
   std::optional<ArtefactRecord> artefacts;
+  std::optional<CertificateRecord> certificate;  ///< Where asked for, and the default method made one map.
 };
 
 struct LightRecord {

@@ -73,6 +73,17 @@ Json MethodsJson(std::span<const LightRecord> records, const Comparison& compari
                                {"lightsWorseThanBestBaseline", std::move(beaten)},
                                {"failuresAndFallbacks", statistics.failures_and_fallbacks},
                                {"artefacts", std::move(artefacts)}};
+    if (statistics.certified_lights > 0) {
+      result[methods[m].name]["certificates"] = {{"lights", statistics.certified_lights},
+                                                 {"complete", statistics.complete_certificates},
+                                                 {"tolerance", comparison.options.certify_tolerance},
+                                                 {"medianSeconds", statistics.median_certify_seconds},
+                                                 {"worstSeconds", statistics.worst_certify_seconds},
+                                                 {"medianLeastGap", statistics.median_least_gap},
+                                                 {"worstLeastGap", statistics.worst_least_gap},
+                                                 {"medianMostGap", statistics.median_most_gap},
+                                                 {"worstMostGap", statistics.worst_most_gap}};
+    }
   }
   return result;
 }
@@ -147,6 +158,27 @@ std::string TableOfArtefacts(const ComparisonSummary& summary, std::span<const M
   return table + "\n";
 }
 
+std::string TableOfCertificates(const ComparisonSummary& summary, const ComparisonOptions& options) {
+  std::string rows;
+  for (size_t m = 0; m < options.methods.size(); ++m) {
+    const MethodStatistics& s = summary.methods[m];
+    if (s.certified_lights == 0) continue;
+    absl::StrAppendFormat(&rows, "| %s | %d of %d | %.2f, %.2f | %.2f %%, %.2f %% | %.2f %%, %.2f %% |\n",
+                          options.methods[m].name, s.complete_certificates, s.certified_lights,
+                          s.median_certify_seconds, s.worst_certify_seconds, 100.0 * s.median_least_gap,
+                          100.0 * s.worst_least_gap, 100.0 * s.median_most_gap, 100.0 * s.worst_most_gap);
+  }
+  if (rows.empty()) return "";
+  return absl::StrFormat(
+             "How far the maps are from the best single map there is by the metric that they minimise, "
+             "bounded by "
+             "branch and bound to %g %%; medians and worst lights:\n\n"
+             "| method | certified | seconds | above the best by at least | by at most |\n"
+             "| --- | ---: | ---: | ---: | ---: |\n",
+             100.0 * options.certify_tolerance) +
+         rows + "\n";
+}
+
 std::string Section(const std::string& title, std::span<const LightRecord> records,
                     const Comparison& comparison) {
   const std::vector<MethodVariant>& methods = comparison.options.methods;
@@ -163,7 +195,8 @@ std::string Section(const std::string& title, std::span<const LightRecord> recor
     absl::StrAppend(&text, "Against `", name, "`:\n\n", TableOfMeans(summary, methods, anchor), "\n");
   }
   if (!anchored) absl::StrAppend(&text, TableOfMeans(summary, methods, std::nullopt), "\n");
-  absl::StrAppend(&text, TableOfMethods(summary, methods), "\n", TableOfArtefacts(summary, methods));
+  absl::StrAppend(&text, TableOfMethods(summary, methods), "\n", TableOfArtefacts(summary, methods),
+                  TableOfCertificates(summary, comparison.options));
 
   for (size_t m = 0; m < methods.size(); ++m) {
     const std::vector<size_t>& beaten = summary.methods[m].beaten_by_baseline;

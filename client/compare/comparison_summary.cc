@@ -96,6 +96,9 @@ ComparisonSummary Summarize(std::span<const LightRecord> records, std::span<cons
     std::vector<double> predicted;
     std::vector<double> ratios;
     std::vector<double> milliseconds;
+    std::vector<double> certify_seconds;
+    std::vector<double> least_gaps;
+    std::vector<double> most_gaps;
     for (size_t i = 0; i < records.size(); ++i) {
       const MethodRecord& record = records[i].methods[m];
       wrong.push_back(record.wrong_pixels);
@@ -109,6 +112,13 @@ ComparisonSummary Summarize(std::span<const LightRecord> records, std::span<cons
         statistics.mean_detached += record.artefacts->counts.peter_panning;
         statistics.mean_jagged += record.artefacts->counts.jagged;
         statistics.mean_flicker += record.artefacts->flicker;
+      }
+      if (record.certificate) {
+        ++statistics.certified_lights;
+        statistics.complete_certificates += record.certificate->complete ? 1 : 0;
+        certify_seconds.push_back(record.certificate->seconds);
+        least_gaps.push_back(record.certificate->least_gap);
+        most_gaps.push_back(record.certificate->most_gap);
       }
       const int best_baseline = IsBaseline(methods[m]) ? -1 : BestBaseline(records[i], methods, nullptr);
       if (best_baseline >= 0 && record.wrong_pixels > best_baseline) {
@@ -130,6 +140,12 @@ ComparisonSummary Summarize(std::span<const LightRecord> records, std::span<cons
     statistics.ratio_lower_quartile = Quantile(ratios, 0.25);
     statistics.ratio_median = Quantile(ratios, 0.5);
     statistics.ratio_upper_quartile = Quantile(ratios, 0.75);
+    statistics.median_certify_seconds = Quantile(certify_seconds, 0.5);
+    statistics.worst_certify_seconds = Quantile(certify_seconds, 1.0);
+    statistics.median_least_gap = Quantile(least_gaps, 0.5);
+    statistics.worst_least_gap = Quantile(least_gaps, 1.0);
+    statistics.median_most_gap = Quantile(most_gaps, 0.5);
+    statistics.worst_most_gap = Quantile(most_gaps, 1.0);
   }
   return summary;
 }

@@ -35,6 +35,16 @@ struct MethodStatistics {
   double mean_detached = 0.0;
   double mean_jagged = 0.0;
   double mean_flicker = 0.0;
+
+  /// Over the lights that have a certificate; their number first. Gaps are shares of the best map's metric.
+  int certified_lights = 0;
+  int complete_certificates = 0;
+  double median_certify_seconds = 0.0;
+  double worst_certify_seconds = 0.0;
+  double median_least_gap = 0.0;
+  double worst_least_gap = 0.0;
+  double median_most_gap = 0.0;
+  double worst_most_gap = 0.0;
 };
 
 struct ComparisonSummary {

@@ -27,6 +27,12 @@ nlohmann::json JsonOf(const RecordStore::Line& line) {
                          {"jagged", artefacts.counts.jagged},
                          {"flicker", artefacts.flicker}};
   }
+  if (line.record.certificate) {
+    const CertificateRecord& certificate = *line.record.certificate;
+    json["certificate"] = {{"tolerance", certificate.tolerance}, {"timeLimit", certificate.time_limit},
+                           {"complete", certificate.complete},   {"leastGap", certificate.least_gap},
+                           {"mostGap", certificate.most_gap},    {"seconds", certificate.seconds}};
+  }
   return json;
 }
 
@@ -56,6 +62,12 @@ std::optional<RecordStore::Line> LineOf(const std::string& text) {
       artefacts.counts.peter_panning = kept.at("detached");
       artefacts.counts.jagged = kept.at("jagged");
       artefacts.flicker = kept.at("flicker");
+    }
+    if (json.contains("certificate")) {
+      const nlohmann::json& kept = json.at("certificate");
+      line.record.certificate =
+          CertificateRecord{kept.at("tolerance"), kept.at("timeLimit"), kept.at("complete"),
+                            kept.at("leastGap"),  kept.at("mostGap"),   kept.at("seconds")};
     }
     return line;
   } catch (const nlohmann::json::exception&) {

@@ -78,6 +78,25 @@ TEST(ComparisonSummaryTest, LightsWorseThanTheBestBaseline) {
   EXPECT_EQ(BestBaseline(lights.records[7], ours, &name), -1);
 }
 
+TEST(ComparisonSummaryTest, CertificatesOfTheLightsThatHaveOne) {
+  Lights lights;
+  for (int i = 0; i < 5; ++i) {
+    lights.records[size_t(i)].methods[0].certificate =
+        CertificateRecord{0.01, 60.0, i != 3, 0.001 * i, 0.01 + 0.001 * i, 10.0 - i};
+  }
+  const ComparisonSummary summary = Summarize(lights.records, lights.methods);
+  const MethodStatistics& ours = summary.methods[0];
+  EXPECT_EQ(ours.certified_lights, 5);
+  EXPECT_EQ(ours.complete_certificates, 4);
+  EXPECT_DOUBLE_EQ(ours.median_certify_seconds, 8.0);
+  EXPECT_DOUBLE_EQ(ours.worst_certify_seconds, 10.0);
+  EXPECT_DOUBLE_EQ(ours.median_least_gap, 0.002);
+  EXPECT_DOUBLE_EQ(ours.worst_least_gap, 0.004);
+  EXPECT_DOUBLE_EQ(ours.median_most_gap, 0.012);
+  EXPECT_DOUBLE_EQ(ours.worst_most_gap, 0.014);
+  EXPECT_EQ(summary.methods[1].certified_lights, 0);
+}
+
 TEST(ComparisonSummaryTest, NoLightsAndOneLight) {
   const Lights lights;
   EXPECT_EQ(Summarize({}, lights.methods).lights, 0u);

@@ -114,6 +114,45 @@ TEST_F(ComparisonTest, ArtefactsHaveCausesAndTheStableSphereDoesNotFlicker) {
   EXPECT_EQ(StoredLines().size(), 15u);
 }
 
+TEST_F(ComparisonTest, CertifiesTheDefaultsSingleMapsWhereAsked) {
+  ComparisonOptions options = SmallOptions();
+  options.sets = {{LightPlacement::kNear, 2}};
+  options.methods = {Variant(Method::kDefault), Variant(Method::kFocused)};
+  options.artefact_lights = 0;
+  options.folder = folder_.string();
+  const auto without = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(without.ok()) << without.status();
+  EXPECT_FALSE(without->lights[0].methods[0].certificate.has_value());
+  EXPECT_FALSE(ReportJson(*without)["methods"]["default"].contains("certificates"));
+
+  // Added to what the folder holds.
+  options.certify_tolerance = 0.1;
+  const auto comparison = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(comparison.ok()) << comparison.status();
+  for (const LightRecord& light : comparison->lights) {
+    EXPECT_FALSE(light.methods[1].certificate.has_value());
+    const auto& certificate = light.methods[0].certificate;
+    ASSERT_TRUE(certificate.has_value());
+    EXPECT_TRUE(certificate->complete);
+    EXPECT_EQ(certificate->tolerance, 0.1);
+    EXPECT_GE(certificate->least_gap, 0.0);
+    EXPECT_GE(certificate->most_gap, certificate->least_gap);
+    EXPECT_LT(certificate->most_gap, 0.3);
+  }
+  const nlohmann::json json = ReportJson(*comparison)["methods"]["default"]["certificates"];
+  EXPECT_EQ(json["lights"], 2);
+  EXPECT_EQ(json["complete"], 2);
+  EXPECT_THAT(ReportMarkdown(*comparison), testing::HasSubstr("| default | 2 of 2 |"));
+
+  // And read back.
+  const auto again = RunComparison(scene_, options, nullptr);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(ReportJson(*again)["methods"]["default"], ReportJson(*comparison)["methods"]["default"]);
+  options.certify_tolerance = 1.0;
+  EXPECT_THAT(std::string(RunComparison(scene_, options, nullptr).status().message()),
+              testing::HasSubstr("certify: 1"));
+}
+
 TEST_F(ComparisonTest, GoesOnWhereItWasInterrupted) {
   ComparisonOptions options = SmallOptions();
   options.folder = folder_.string();

@@ -1,0 +1,41 @@
+#include "client/compare/certificate_study.h"
+
+#include <utility>
+#include <vector>
+
+#include "core/fit/certify.h"
+#include "core/fit/ray_hull.h"
+#include "core/fit/whitened_samples.h"
+#include "core/frame/frame_sampler.h"
+
+namespace shadowfit {
+
+std::optional<CertificateRecord> CertifyFit(const ViewStudy& view, const LightStudy& light,
+                                            const FrameRequest& request, const DefaultOptions& options,
+                                            const LightSummary& fit, double tolerance, double time_limit) {
+  if (!fit.further_maps.empty()) return std::nullopt;
+  FrameSampler sampler;
+  FrameExtent extent;
+  std::vector<LightSamples> samples;
+  sampler.Sample(view.camera, request.depth, request.bits, {&light.ray_space, 1}, request.screen, &extent,
+                 &samples);
+  LightProblem problem;
+  problem.camera = &view.camera;
+  problem.light = &light.light;
+  problem.ray_space = &light.ray_space;
+  problem.samples = samples.data();
+  problem.map_size = request.lights[0].map_size;
+  problem.ws_scene_bounds = *request.ws_scene_bounds;
+  // The hull that the fit was made for (single_map_fit.cc).
+  RayHull hull = MakeRayHull(problem, /*with_footprints=*/true);
+  if (!hull.complete) hull = MakeRayHull(problem, /*with_footprints=*/false);
+  if (!hull.complete) return std::nullopt;
+  const Certificate certificate =
+      Certify(Whiten(problem, hull, options.rough_weight), problem.map_size, options.free_aspect,
+              fit.projection, {tolerance, time_limit}, Cancellation());
+  return CertificateRecord{
+      tolerance,          time_limit, certificate.complete, certificate.LeastGap(), certificate.MostGap(),
+      certificate.seconds};
+}
+
+}  // namespace shadowfit
