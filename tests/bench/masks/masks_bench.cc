@@ -77,6 +77,37 @@ double CopyBandwidth() {
   return 2.0 * static_cast<double>(kBytes) / (1e-3 * least);
 }
 
+using Wide = float __attribute__((vector_size(64)));
+
+/// Multiply-adds that depend on nothing but their own last one.
+__attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default"),
+               optimize("fp-contract=fast"))) float
+MultiplyAdds(int steps) {
+  Wide a[10] = {};
+  const Wide factor = Wide{} + 0.999f, term = Wide{} + 1e-3f;
+  for (int i = 0; i < steps; ++i) {
+    for (Wide& x : a) x = x * factor + term;
+  }
+  float sum = 0.0f;
+  for (const Wide& x : a) sum += x[0];
+  return sum;
+}
+
+/// Single-precision operations a second of all threads together; the other roof.
+double PeakOperations(int threads) {
+  constexpr int kSteps = 400000;
+  double least = 1e300;
+  std::vector<float> results(static_cast<size_t>(threads));
+  for (int i = 0; i < 5; ++i) {
+    least = std::min(least, Milliseconds([&] {
+                       tbb::parallel_for(0, threads, [&](int thread) {
+                         results[static_cast<size_t>(thread)] = MultiplyAdds(kSteps);
+                       });
+                     }));
+  }
+  return 2.0 * 16 * 10 * kSteps * threads / (1e-3 * least);
+}
+
 /// Slope of log time over log size, by least squares.
 double Exponent(const std::vector<double>& sizes, const std::vector<double>& times) {
   double mean_x = 0, mean_y = 0;
@@ -95,12 +126,16 @@ double Exponent(const std::vector<double>& sizes, const std::vector<double>& tim
 struct Options {
   int repeats = 9;
   bool avx2 = true;
-  bool bsp = false;
+  bool bsp = true;
   bool phases = true;
   bool embree = true;
 };
 
-double Run(const BenchScene& bench, const Options& options, int threads, double bandwidth) {
+struct Roofs {
+  double bandwidth, operations;  ///< A second.
+};
+
+double Run(const BenchScene& bench, const Options& options, int threads, const Roofs& roofs) {
   const Camera camera = *Camera::Create(bench.camera);
   EmbreeShadows embree(bench, threads);
   embree.Build(RTC_BUILD_QUALITY_MEDIUM);
@@ -164,10 +199,11 @@ double Run(const BenchScene& bench, const Options& options, int threads, double 
           Milliseconds([&] { embree.Trace(positions, best[q], transmit, &shadow, &transmittance); }));
     }
   }
+  const size_t memory = renderer.MemoryBytes();
   if (options.bsp) {
     request.method = MaskMethod::kBsp;
     render();
-    for (int i = 0; i < 3; ++i) ours_bsp.push_back(Milliseconds(render));
+    for (int i = 0; i < 2; ++i) ours_bsp.push_back(Milliseconds(render));
     request.method = MaskMethod::kGrid;
     render();
   }
@@ -176,7 +212,7 @@ double Run(const BenchScene& bench, const Options& options, int threads, double 
   std::printf("%-10s %8zu triangles %8zu samples, %4.1f %% in shadow, %zu undecided, %.1f bytes a sample\n",
               bench.name.c_str(), scene->TriangleCount(), mask.samples,
               100.0 * double(mask.shadowed_samples) / double(mask.samples), mask.undecided_samples,
-              double(renderer.MemoryBytes()) / double(bench.width) / double(bench.height));
+              double(memory) / double(bench.width) / double(bench.height));
   std::printf("  masks %8.2f ms", mine);
   std::printf(" (least %.2f)", *std::min_element(ours.begin(), ours.end()));
   if (options.phases) {
@@ -194,24 +230,30 @@ double Run(const BenchScene& bench, const Options& options, int threads, double 
   if (options.phases) {
     // What each phase must at least move: a pixel's depth, and a sample of sixteen bytes; a packet's entry of
     // 28, written, read and written; nine floats a triangle and the samples once; four bits of answers a
-    // pixel.
+    // pixel. And compute, counted in single precision (double counts twice): 80 operations to place and bound
+    // a sample, 540 to set up a triangle, 240 to test it against one packet.
     const double pixels = double(bench.width) * bench.height, samples = double(mask.samples);
     const double bytes[4] = {4 * pixels + 16 * samples, 3 * 28 * samples / 16,
                              36 * double(scene->TriangleCount()) + 16 * samples, pixels / 2};
     double MaskTimings::*const members[4] = {&MaskTimings::tiles, &MaskTimings::hierarchy, &MaskTimings::walk,
                                              &MaskTimings::resolve};
     const char* const names[4] = {"tiles", "cells", "walk", "resolve"};
-    std::printf("  share of copy bandwidth:");
+    const double operations[4] = {80 * samples, 0, 780 * double(scene->TriangleCount()), 0};
+    std::printf("  share of roofline:");
     for (int i = 0; i < 4; ++i) {
       double least = 1e300;
       for (const MaskTimings& t : phases) least = std::min(least, t.*members[i]);
-      std::printf("  %s %.1f MB %.0f %%", names[i], 1e-6 * bytes[i],
-                  100.0 * bytes[i] / (1e-3 * least) / bandwidth);
+      const double roof = std::max(bytes[i] / roofs.bandwidth, operations[i] / roofs.operations);
+      std::printf("  %s %.1f MB %.0f Mop %.0f %%", names[i], 1e-6 * bytes[i], 1e-6 * operations[i],
+                  100.0 * roof / (1e-3 * least));
     }
     std::printf("\n");
   }
   if (options.avx2) std::printf("  AVX2  %8.2f ms\n", Median(ours_avx2));
-  if (options.bsp) std::printf("  bsp   %8.2f ms\n", Median(ours_bsp));
+  if (options.bsp) {
+    const double bsp = *std::min_element(ours_bsp.begin(), ours_bsp.end());
+    std::printf("  bsp   %8.2f ms (%.1f times as long)\n", bsp, bsp / mine);
+  }
   if (!options.embree) return mine;
   double least_both = 1e300, least_trace = 1e300;
   for (int q = 0; q < 2; ++q) {
@@ -224,7 +266,8 @@ double Run(const BenchScene& bench, const Options& options, int threads, double 
   }
   std::printf("  ratio build + trace %.2f, trace alone %.2f", least_both / mine, least_trace / mine);
   if (options.avx2) {
-    std::printf("   AVX2: %.2f, %.2f", least_both / Median(ours_avx2), least_trace / Median(ours_avx2));
+    std::printf("   AVX2: %.2f, %.2f (%.2f of the best)", least_both / Median(ours_avx2),
+                least_trace / Median(ours_avx2), mine / Median(ours_avx2));
   }
   size_t differ = 0;
   for (size_t i = 0; i < shadow.size(); ++i) {
@@ -248,7 +291,7 @@ int main(int argc, char** argv) {
   app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair")->delimiter(',');
   app.add_option("--repeats", options.repeats)->check(CLI::Range(1, 1000));
   app.add_option("--threads", threads)->check(CLI::Range(1, 256));
-  app.add_flag("--bsp", options.bsp, "Also time the paper's hierarchy");
+  app.add_flag("!--no-bsp", options.bsp, "Not the paper's hierarchy, once a scene");
   app.add_flag("!--no-embree", options.embree, "Only the masks");
   app.add_flag("!--no-avx2", options.avx2, "Only the best instruction set");
   app.add_flag("--cpu", shadowfit::bench::measure_cpu,
@@ -256,22 +299,24 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
                                     static_cast<size_t>(threads));
-  const double bandwidth = shadowfit::bench::CopyBandwidth();
-  std::printf("copy bandwidth %.1f GB/s\n", 1e-9 * bandwidth);
+  const shadowfit::bench::Roofs roofs{shadowfit::bench::CopyBandwidth(),
+                                      shadowfit::bench::PeakOperations(threads)};
+  std::printf("copy bandwidth %.1f GB/s, peak %.0f Gop/s\n", 1e-9 * roofs.bandwidth, 1e-9 * roofs.operations);
   if (scaling) {
     using namespace shadowfit::bench;  // NOLINT(google-build-using-namespace)
-    options.embree = options.avx2 = options.phases = false;
+    options.embree = options.avx2 = options.phases = options.bsp = false;
+    options.repeats = std::min(options.repeats, 5);
     std::vector<double> sizes, times;
     for (const size_t triangles : {1000, 10000, 100000, 1000000, 4000000}) {
       sizes.push_back(static_cast<double>(triangles));
-      times.push_back(Run(RandomTriangles(triangles), options, threads, bandwidth));
+      times.push_back(Run(RandomTriangles(triangles), options, threads, roofs));
     }
     std::printf("exponent over triangles %.2f\n", Exponent(sizes, times));
     sizes.clear();
     times.clear();
     for (const int width : {512, 1024, 2048, 3264}) {
       sizes.push_back(0.75 * width * width);
-      times.push_back(Run(RandomTriangles(100000, width, width * 3 / 4), options, threads, bandwidth));
+      times.push_back(Run(RandomTriangles(100000, width, width * 3 / 4), options, threads, roofs));
     }
     std::printf("exponent over samples %.2f\n", Exponent(sizes, times));
     return 0;
@@ -285,7 +330,7 @@ int main(int argc, char** argv) {
                              : name == "4m"      ? RandomTriangles(4000000)
                              : name == "terrain" ? Terrain(700)
                                                  : HairBall(5000);
-    Run(bench, options, threads, bandwidth);
+    Run(bench, options, threads, roofs);
   }
   return 0;
 }
