@@ -16,8 +16,8 @@ namespace {
 /// samples: until they have moved through it, the next frames need not rescale again.
 constexpr double kBorder = 0.02;
 
-/// Of a kept matrix: with a free aspect ratio, the ratio stays as well, and with it every texel where the number
-/// of texels does.
+/// Of a kept matrix: with a free aspect ratio, the ratio stays as well, and with it every texel where the
+/// number of texels does.
 MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
   const MapSize previous = problem.previous->size;
   if (!options.free_aspect) return problem.map_size;
@@ -35,8 +35,8 @@ absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
   LightFit fit;
   if (partition.maps.size() == 1 && partition.maps[0].complete && problem.previous != nullptr &&
       options_.keep_within > 0.0) {
-    const std::optional<ShadowProjection> kept = RescaleToHold(
-        *problem.previous, KeptSize(problem, options_), problem.samples->hull_rays, kBorder);
+    const std::optional<ShadowProjection> kept =
+        RescaleToHold(*problem.previous, KeptSize(problem, options_), problem.samples->hull_rays, kBorder);
     const std::array fresh = {partition.maps[0].projection};
     if (kept && PredictMisclassifiedPixels(*problem.samples, {&*kept, 1}) <=
                     options_.keep_within * PredictMisclassifiedPixels(*problem.samples, fresh)) {

@@ -56,9 +56,9 @@ struct DefaultOptions {
   /// map holds what it can, and the fit's note says so.
   bool divide_where_needed = true;
   /// Trades swim for wrong pixels. The previous frame's matrix, rescaled where it must be to hold this
-  /// frame's samples, stays while it is predicted to get at most this many times the pixels of a new one wrong:
-  /// a new matrix moves all texels at once, which is seen as a flicker along the edges. Finite, at least 1; or
-  /// 0: always a new one.
+  /// frame's samples, stays while it is predicted to get at most this many times the pixels of a new one
+  /// wrong: a new matrix moves all texels at once, which is seen as a flicker along the edges. Finite, at
+  /// least 1; or 0: always a new one.
   double keep_within = 1.1;
   /// Weight of boundary samples beside discontinuities or without reliable derivatives.
   double rough_weight = 0.5;

@@ -56,7 +56,8 @@ std::optional<ShadowProjection> RescaleToHold(const ShadowProjection& previous, 
   if (!std::isfinite(low.x + low.y + high.x + high.y)) return std::nullopt;
   const AxisChange x = ChangeOf(low.x, high.x, previous.size.width, border);
   const AxisChange y = ChangeOf(low.y, high.y, previous.size.height, border);
-  const glm::dmat3 adjust(glm::dvec3(x.scale, 0, 0), glm::dvec3(0, y.scale, 0), glm::dvec3(x.shift, y.shift, 1));
+  const glm::dmat3 adjust(glm::dvec3(x.scale, 0, 0), glm::dvec3(0, y.scale, 0),
+                          glm::dvec3(x.shift, y.shift, 1));
   const ShadowProjection held{adjust * previous.texel_from_ray, previous.size};
   return held.size == size ? held : Resized(held, size);
 }

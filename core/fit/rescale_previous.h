@@ -15,9 +15,11 @@ glm::dmat3 WithUnitAxis(const glm::dmat3& texel_from_ray);
 /// rotation and skew stay. Texel centres move as little as they can, for each of the map's two axes in turn:
 ///
 ///   1. Where all rays lie in the map along this axis, nothing changes.
-///   2. Where they fit into its length, the map moves by whole texels: every centre stays on the surfaces that
+///   2. Where they fit into its length, the map moves by whole texels: every centre stays on the surfaces
+///   that
 ///      it is on.
-///   3. Else texels grow by the least power of kScaleStep with which all rays fit into the map with `border` (a
+///   3. Else texels grow by the least power of kScaleStep with which all rays fit into the map with `border`
+///   (a
 ///      fraction of its length) free on each side, and the centre nearest to the rays' middle stays a centre.
 ///      Steps are coarse so that the next ones are far between.
 ///

@@ -47,8 +47,8 @@ std::optional<double> MeanOver(const BoundarySamples& samples, const ShadowProje
 }  // namespace
 
 double DistanceToLattice(const glm::dmat2& basis, const glm::dvec2& e) {
-  // Gauss and Lagrange's reduction: of a reduced basis, the nearest lattice point is a corner of the cell that
-  // holds the point.
+  // Gauss and Lagrange's reduction: of a reduced basis, the nearest lattice point is a corner of the cell
+  // that holds the point.
   glm::dvec2 a = basis[0];
   glm::dvec2 b = basis[1];
   const glm::dvec2 point = basis * (e - glm::round(e));

@@ -68,7 +68,8 @@ absl::StatusOr<std::unique_ptr<Study>> MakeStudy() {
   absl::StatusOr<Camera> camera =
       Camera::Create(CameraAt(PlazaStandPoint(), truth->ws_bounds(), ViewOptions{}));
   if (!camera.ok()) return camera.status();
-  auto study = std::make_unique<Study>(Study{ViewStudy::Create(*truth, *camera, kScreen, kSamples), {}, {}, {}});
+  auto study =
+      std::make_unique<Study>(Study{ViewStudy::Create(*truth, *camera, kScreen, kSamples), {}, {}, {}});
   const std::pair<const char*, Light> lights[] = {
       {"point", PointLight{{30.0, -60.0, 80.0}}},
       {"spot", SpotLight{{10.0, 8.0, 14.0}, {-10.0, -8.0, -14.0}, 0.7}},
