@@ -99,6 +99,27 @@ TEST_F(Commands, OptimizeGivesCoresMatricesEmbeddedAndOverTheWire) {
   ExpectResult(over_tcp.out);  // The document and nothing else.
 }
 
+TEST_F(Commands, FilesOfAFrameReproduceItsMatricesOnAnyNumberOfThreads) {
+  WriteFrameFiles();
+  for (const char* workers : {"1", "2", "8"}) {
+    ServerProcess server({"--workers", workers});
+    std::filesystem::remove(Path("result.json"));
+    const Ran replayed(With({SHADOWFIT_PROGRAM, "optimize"}, {"--server", server.address()}));
+    ASSERT_EQ(replayed.code, 0) << replayed.error;
+    ExpectResult(Read("result.json"));
+  }
+}
+
+TEST_F(Commands, OptimizeTakesItsKnobFromItsFlag) {
+  WriteFrameFiles();
+  const Ran wrong(With({SHADOWFIT_PROGRAM, "optimize"}, {"--keep-within", "0.5"}));
+  EXPECT_EQ(wrong.code, 1);
+  EXPECT_NE(wrong.error.find("options.keep_within: 0.5, "), std::string::npos) << wrong.error;
+  const Ran never(With({SHADOWFIT_PROGRAM, "optimize"}, {"--keep-within", "0"}));
+  EXPECT_EQ(never.code, 0) << never.error;
+  ExpectResult(Read("result.json"));
+}
+
 TEST_F(Commands, OptimizeTakesTheMethodFromItsFlag) {
   options_.method = Method::kPaper;
   WriteFrameFiles();
