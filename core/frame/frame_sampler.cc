@@ -23,8 +23,9 @@ constexpr float kDiscontinuity = 0.01f;
 constexpr double kOrthographicDiscontinuityPixels = 8.0;
 
 // Cosine between normal and light below which a surface counts as grazing: its bits flip with the
-// tessellation, not with a caster's edge.
-constexpr double kGrazingCosine = 0.02;
+// tessellation, not with a caster's edge. What is grazing need not be in the map, so that this is no more
+// than rounding: ground under a low sun is seen, and lost as a whole where it does not count.
+constexpr double kGrazingCosine = 0.0005;
 
 // Pixels to stand in for a shadow boundary where there is none; more would add time and no information.
 constexpr size_t kMostFallbackSamples = 2048;

@@ -132,6 +132,16 @@ TEST(FrameSampler, PlanesHaveNoDiscontinuityAndSilhouettesDo) {
   EXPECT_EQ(samples[0].hull_rays_dx2.size(), samples[0].hull_rays.size());
 }
 
+TEST(FrameSampler, GroundUnderALowSunBelongsIntoTheMap) {
+  // Half a degree above the horizon: the light grazes all that is seen, and all of it is in shadow.
+  std::mt19937 random(3);
+  OwnedFrame floor =
+      testing::Draw(AnalyticScene{}, testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 64, 64,
+                    {Lamp(DirectionalLight{{1.0, 0.0, -0.009}})});
+  std::fill(floor.bits.begin(), floor.bits.end(), 1);
+  EXPECT_GE(Sample(floor, {64, 64})[0].hull_rays.size(), 4u * 64 - 4) << "the rim of the picture";
+}
+
 TEST(FrameSampler, IgnoresBitsOfSurfacesThatFaceAway) {
   // A light below the floor: whatever the bits say, it reaches nothing that is visible.
   std::mt19937 random(4);
