@@ -12,6 +12,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/grpc_status.h"
+#include "proto/scene_upload_metadata.h"
 #include "shadowfit/v1/info.grpc.pb.h"
 #include "shadowfit/v1/mask.grpc.pb.h"
 #include "shadowfit/v1/optimizer.grpc.pb.h"
@@ -187,29 +188,25 @@ absl::StatusOr<v1::UploadSceneResponse> Client::UploadScene(const PackedScene& s
   constexpr size_t kChunkBytes = size_t{1} << 20;
   const auto stub = v1::SceneService::NewStub(channel_);
   v1::UploadSceneResponse response;
-  const auto upload = [&](size_t bytes) {
-    return RunCall(name_, options, [&](grpc::ClientContext* context) {
-      const auto writer = stub->UploadScene(context, &response);
-      v1::UploadSceneRequest chunk;
-      chunk.set_digest(scene.digest);
-      chunk.set_total_bytes(scene.bytes.size());
-      // The first message goes alone: a service that has the scene meanwhile answers it.
-      bool open = writer->Write(chunk);
-      chunk.Clear();
-      for (size_t at = 0; open && at < bytes; at += chunk.data().size()) {
-        chunk.set_data(scene.bytes.substr(at, kChunkBytes));
-        open = writer->Write(chunk);
-      }
-      if (open) writer->WritesDone();
-      return writer->Finish();  // Says why where the service would not read on.
-    });
-  };
-  // Where the service has the scene, nothing but its digest is sent: an answer that comes while bytes are on
-  // their way leaves some of gRPC's transports waiting for these until the deadline.
-  const auto missing = FindMissingScenes({&scene.digest, 1}, options);
-  if (!missing.ok()) return missing.status();
-  if (missing->empty() && upload(0).ok()) return response;
-  if (absl::Status status = upload(scene.bytes.size()); !status.ok()) return status;
+  const absl::Status status = RunCall(name_, options, [&](grpc::ClientContext* context) {
+    const auto writer = stub->UploadScene(context, &response);
+    v1::UploadSceneRequest chunk;
+    chunk.set_digest(scene.digest);
+    chunk.set_total_bytes(scene.bytes.size());
+    // The first message goes alone. A service that has the scene, or will not have it, answers it and asks
+    // for no byte; those that came after its answer would leave some of gRPC's transports waiting.
+    bool open = writer->Write(chunk);
+    writer->WaitForInitialMetadata();
+    open = open && context->GetServerInitialMetadata().count(kSceneWantedKey) > 0;
+    chunk.Clear();
+    for (size_t at = 0; open && at < scene.bytes.size(); at += chunk.data().size()) {
+      chunk.set_data(scene.bytes.substr(at, kChunkBytes));
+      open = writer->Write(chunk);
+    }
+    if (open) writer->WritesDone();
+    return writer->Finish();  // Says why where the service would not read on.
+  });
+  if (!status.ok()) return status;
   return response;
 }
 

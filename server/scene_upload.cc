@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "proto/scene_upload_metadata.h"
 #include "server/errors.h"
 #include "server/request_deadline.h"
 #include "server/scene_decoder.h"
@@ -33,7 +34,7 @@ grpc::ServerReadReactor<v1::UploadSceneRequest>* SceneUpload::Start(grpc::Callba
 
 SceneUpload::SceneUpload(grpc::CallbackServerContext* call, ServiceContext& context,
                          v1::UploadSceneResponse* response)
-    : context_(context), response_(response), cancellation_(CallDeadline(*call)) {}
+    : call_(call), context_(context), response_(response), cancellation_(CallDeadline(*call)) {}
 
 void SceneUpload::OnDone() { const auto keep = std::move(self_); }
 
@@ -72,6 +73,8 @@ absl::Status SceneUpload::Begin() {
   if (!ticket.ok()) return ticket.status();
   ticket_ = *std::move(ticket);
   bytes_.reserve(total_bytes_);
+  call_->AddInitialMetadata(kSceneWantedKey, "1");
+  StartSendInitialMetadata();
   return absl::OkStatus();
 }
 

@@ -38,6 +38,7 @@ class SceneUpload final : public grpc::ServerReadReactor<v1::UploadSceneRequest>
   absl::Status TryStore();
   void FinishWith(const absl::Status& status);
 
+  grpc::CallbackServerContext* const call_;
   ServiceContext& context_;
   v1::UploadSceneResponse* const response_;
   const Cancellation::Clock::time_point arrival_ = Cancellation::Clock::now();

@@ -135,6 +135,37 @@ TEST(Scenes, AreUploadedOnceListedAndForgotten) {
   EXPECT_EQ(client->ListScenes()->scenes_size(), 0);
 }
 
+/// A service that has the scene answers before the client has sent it: no transport may wait for the rest.
+TEST(Scenes, AreNotSentTwiceInProcess) {
+  testing::Loopback loopback;
+  const auto client = loopback.ConnectInProcess();
+  const PackedScene packed = PackScene(SceneToWire(MakeRandomTriangles(50000, 5)));
+  CallOptions call;
+  call.timeout = std::chrono::seconds(10);
+  for (const bool existed : {false, true, true}) {
+    const auto uploaded = client->UploadScene(packed, call);
+    ASSERT_TRUE(uploaded.ok()) << uploaded.status();
+    EXPECT_EQ(uploaded->existed(), existed);
+  }
+}
+
+/// Replicas take turns, call by call, wherever the turn stands when masks are asked for.
+TEST(Scenes, ReachAllReplicas) {
+  const Shot shot;
+  const PackedScene packed = PackScene(SceneToWire(shot.scene));
+  for (int calls_before = 0; calls_before < 2; ++calls_before) {
+    testing::Loopback a;
+    testing::Loopback b;
+    auto client = Client::Connect("ipv4:" + a.tcp() + "," + b.tcp());
+    ASSERT_TRUE(client.ok()) << client.status();
+    for (int i = 0; i < calls_before; ++i) ASSERT_TRUE((*client)->GetInfo().ok());
+    for (uint64_t frame = 1; frame <= 4; ++frame) {
+      const auto masks = (*client)->RenderMasks(shot.Frame(frame, packed.digest), &packed);
+      ASSERT_TRUE(masks.ok()) << masks.status();
+    }
+  }
+}
+
 /// Some megabytes, in many chunks.
 TEST(Scenes, LargeOnesArriveWhole) {
   testing::Loopback loopback;
