@@ -2,6 +2,8 @@
 
 #include <spdlog/spdlog.h>
 
+#include <chrono>
+#include <cstdint>
 #include <cstdio>
 
 namespace shadowfit {
@@ -17,6 +19,18 @@ CLI::Option* AddServerOption(CLI::App& command, std::string& address) {
       .add_option("--server", address,
                   "Service to use, HOST:PORT or unix:PATH; without it, one in this process")
       ->type_name("ADDR");
+}
+
+CLI::Option* AddTimeoutOption(CLI::App& command, double& seconds) {
+  return command.add_option("--timeout", seconds, "Give up after so many seconds")
+      ->check(CLI::Range(0.001, 86400.0))
+      ->capture_default_str();
+}
+
+CallOptions CallWithin(double seconds) {
+  CallOptions call;
+  call.timeout = std::chrono::milliseconds(static_cast<int64_t>(seconds * 1e3));
+  return call;
 }
 
 void PrintJson(const nlohmann::json& document) {

@@ -6,6 +6,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/client.h"
 
 namespace shadowfit {
 
@@ -30,6 +31,12 @@ bool JsonRequested(const CLI::App& command);
 /// Adds `--server ADDR` to a command that talks to the service: "HOST:PORT" or "unix:PATH"; without it,
 /// `address` stays empty and the command runs the service in its own process.
 CLI::Option* AddServerOption(CLI::App& command, std::string& address);
+
+/// Adds `--timeout SECONDS` to a command that calls the service; `seconds` holds the default.
+CLI::Option* AddTimeoutOption(CLI::App& command, double& seconds);
+
+/// What such a call is made with.
+CallOptions CallWithin(double seconds);
 
 /// Writes one indented JSON document to stdout.
 void PrintJson(const nlohmann::json& document);

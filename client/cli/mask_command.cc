@@ -1,4 +1,3 @@
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <map>
@@ -60,9 +59,8 @@ void RunMask(const MaskArguments& arguments, bool json) {
   frame.set_output(arguments.output);
   frame.set_method(arguments.method);
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
-  CallOptions call;
-  call.timeout = std::chrono::milliseconds(static_cast<int64_t>(arguments.timeout_seconds * 1e3));
-  const v1::MaskResult result = ValueOrThrow(service->client().RenderMasks(frame, &scene, call));
+  const v1::MaskResult result =
+      ValueOrThrow(service->client().RenderMasks(frame, &scene, CallWithin(arguments.timeout_seconds)));
 
   std::vector<std::string> files;
   if (!arguments.out.empty()) {
@@ -115,9 +113,7 @@ void AddMaskCommand(CLI::App& app) {
   command->add_option("--method", arguments->method, "default, or for comparison: bsp, exhaustive")
       ->transform(CLI::CheckedTransformer(methods))
       ->type_name("M");
-  command->add_option("--timeout", arguments->timeout_seconds, "Give up after so many seconds")
-      ->check(CLI::Range(0.001, 86400.0))
-      ->capture_default_str();
+  AddTimeoutOption(*command, arguments->timeout_seconds);
   AddServerOption(*command, arguments->server);
   command->callback([command, arguments] { RunMask(*arguments, JsonRequested(*command)); });
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
+#include "client/mask_bits.h"
 
 namespace shadowfit {
 
@@ -18,11 +19,9 @@ absl::Status WriteMaskPicture(const std::filesystem::path& file, const v1::MaskR
   if (channels == 3) {
     pixels.assign(mask.rgb().begin(), mask.rgb().end());
   } else {
-    const size_t row_bytes = (width + 7) / 8;
     for (size_t y = 0; y < height; ++y) {
       for (size_t x = 0; x < width; ++x) {
-        const auto byte = static_cast<uint8_t>(mask.bits()[y * row_bytes + x / 8]);
-        pixels.push_back((byte >> (x % 8) & 1) != 0 ? 255 : 0);
+        pixels.push_back(MaskBit(mask, static_cast<int>(width), x, y) ? 255 : 0);
       }
     }
   }

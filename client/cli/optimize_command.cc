@@ -1,4 +1,3 @@
-#include <chrono>
 #include <cstdio>
 #include <map>
 #include <memory>
@@ -140,9 +139,8 @@ void RunOptimize(const OptimizeArguments& arguments, bool json) {
   if (arguments.keep_within) frame.mutable_options()->set_keep_within(*arguments.keep_within);
   SetSizing(arguments, frame.mutable_options());
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
-  CallOptions call;
-  call.timeout = std::chrono::milliseconds(static_cast<int64_t>(arguments.timeout_seconds * 1e3));
-  const v1::FrameResult result = ValueOrThrow(service->client().Optimize(frame, call));
+  const v1::FrameResult result =
+      ValueOrThrow(service->client().Optimize(frame, CallWithin(arguments.timeout_seconds)));
   if (!arguments.out.empty()) ThrowIfError(WriteTextFile(arguments.out, JsonFromMessage(result)));
   if (json) {
     std::fputs(JsonFromMessage(result).c_str(), stdout);
@@ -222,9 +220,7 @@ void AddOptimizeCommand(CLI::App& app) {
       ->type_name("K");
   command->add_option("--out", arguments->out, "Write shadowfit.v1.FrameResult as Protobuf JSON")
       ->type_name("RESULT.json");
-  command->add_option("--timeout", arguments->timeout_seconds, "Give up after so many seconds")
-      ->check(CLI::Range(0.001, 86400.0))
-      ->capture_default_str();
+  AddTimeoutOption(*command, arguments->timeout_seconds);
   AddServerOption(*command, arguments->server);
   command->callback([command, arguments] { RunOptimize(*arguments, JsonRequested(*command)); });
 }

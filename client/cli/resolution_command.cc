@@ -1,4 +1,3 @@
-#include <chrono>
 #include <cstdio>
 #include <map>
 #include <memory>
@@ -70,10 +69,8 @@ void RunResolution(const ResolutionArguments& arguments, bool json) {
   options.set_percentile(arguments.percentile);
   options.set_histogram(arguments.histogram);
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
-  CallOptions call;
-  call.timeout = std::chrono::milliseconds(static_cast<int64_t>(arguments.timeout_seconds * 1e3));
-  const v1::ResolutionResult result =
-      ValueOrThrow(service->client().EstimateResolution(frame, options, call));
+  const v1::ResolutionResult result = ValueOrThrow(
+      service->client().EstimateResolution(frame, options, CallWithin(arguments.timeout_seconds)));
   if (json) {
     std::fputs(JsonFromMessage(result).c_str(), stdout);
   } else {
@@ -111,9 +108,7 @@ void AddResolutionCommand(CLI::App& app) {
       ->check(CLI::Range(1e-6, 100.0))
       ->capture_default_str();
   command->add_flag("--histogram", arguments->histogram, "Show how many pixels need how many texels");
-  command->add_option("--timeout", arguments->timeout_seconds, "Give up after so many seconds")
-      ->check(CLI::Range(0.001, 86400.0))
-      ->capture_default_str();
+  AddTimeoutOption(*command, arguments->timeout_seconds);
   AddServerOption(*command, arguments->server);
   command->callback([command, arguments] { RunResolution(*arguments, JsonRequested(*command)); });
 }

@@ -7,7 +7,9 @@
 #include "absl/strings/str_format.h"
 #include "client/demo/method_record.h"
 #include "client/demo/wire_encoding.h"
+#include "client/mask_bits.h"
 #include "client/scene_io/scene_to_wire.h"
+#include "core/reference/shadow_map_test.h"
 
 namespace shadowfit {
 namespace {
@@ -17,8 +19,7 @@ constexpr std::chrono::seconds kUploadTimeout{60};
 /// A mask's bits for the pixels that the light concerns.
 absl::StatusOr<ShadowMask> Decode(const v1::LightMask& mask, const VisibleSurface& surface,
                                   const ShadowMask& truth) {
-  const size_t row_bytes = (static_cast<size_t>(surface.width) + 7) / 8;
-  if (mask.bits().size() != row_bytes * static_cast<size_t>(surface.height)) {
+  if (mask.bits().size() != MaskRowBytes(surface.width) * static_cast<size_t>(surface.height)) {
     return absl::InternalError(absl::StrFormat("the service answered a mask of %d bytes for %dx%d pixels",
                                                mask.bits().size(), surface.width, surface.height));
   }
@@ -27,16 +28,9 @@ absl::StatusOr<ShadowMask> Decode(const v1::LightMask& mask, const VisibleSurfac
     if (truth[i] == PixelLight::kNotConcerned) continue;
     const size_t x = i % static_cast<size_t>(surface.width);
     const size_t y = i / static_cast<size_t>(surface.width);
-    const auto byte = static_cast<uint8_t>(mask.bits()[y * row_bytes + x / 8]);
-    decoded[i] = (byte >> (x % 8) & 1) != 0 ? PixelLight::kShadowed : PixelLight::kLit;
+    decoded[i] = MaskBit(mask, surface.width, x, y) ? PixelLight::kShadowed : PixelLight::kLit;
   }
   return decoded;
-}
-
-int Different(const ShadowMask& a, const ShadowMask& b) {
-  int different = 0;
-  for (size_t i = 0; i < a.size(); ++i) different += a[i] != b[i] ? 1 : 0;
-  return different;
 }
 
 }  // namespace
@@ -86,8 +80,8 @@ absl::StatusOr<std::vector<ShadowMask>> MaskStudy::AddFrame(size_t frame, const 
     absl::StatusOr<ShadowMask> mask = Decode(light, surface, truth[i]);
     if (!mask.ok()) return mask.status();
     MaskRecord& record = figures_.lights[i];
-    record.wrong_by_map.push_back(Different(by_map[i], truth[i]));
-    record.wrong_by_mask.push_back(Different(*mask, truth[i]));
+    record.wrong_by_map.push_back(CountWrongPixels(truth[i], by_map[i]));
+    record.wrong_by_mask.push_back(CountWrongPixels(truth[i], *mask));
     record.undecided.push_back(static_cast<int>(light.undecided_samples()));
     record.mask_ms.push_back(1e3 * light.seconds());
     masks.push_back(*std::move(mask));
