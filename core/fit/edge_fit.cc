@@ -38,6 +38,25 @@ const std::array<Rotation, EdgeFit::kFine>& Steps() {
   return steps;
 }
 
+/// The directions of the first search.
+struct CoarseDirections {
+  glm::dvec2 exact[kCoarseDirections];
+  float rounded[kCoarseDirections][2];
+};
+const CoarseDirections& CoarseSides() {
+  static const CoarseDirections sides = [] {
+    CoarseDirections all;
+    for (size_t i = 0; i < kCoarseDirections; ++i) {
+      const double angle = std::numbers::pi * static_cast<double>(i) / kCoarseDirections;
+      all.exact[i] = {std::cos(angle), std::sin(angle)};
+      all.rounded[i][0] = static_cast<float>(all.exact[i].x);
+      all.rounded[i][1] = static_cast<float>(all.exact[i].y);
+    }
+    return all;
+  }();
+  return sides;
+}
+
 glm::dvec2 Rotate(const glm::dvec2& v, const Rotation& by, double sign) {
   return {v.x * by.cosine - sign * v.y * by.sine, sign * v.x * by.sine + v.y * by.cosine};
 }
@@ -150,22 +169,14 @@ void EdgeFit::Refine(int first_step, int last_step, Result* best) const {
 EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
   Result best;
   if (!MoveTo(axis)) return best;
-  float directions[kCoarseDirections][2];
-  for (size_t i = 0; i < kCoarseDirections; ++i) {
-    const double angle = std::numbers::pi * static_cast<double>(i) / kCoarseDirections;
-    directions[i][0] = static_cast<float>(std::cos(angle));
-    directions[i][1] = static_cast<float>(std::sin(angle));
-  }
   float costs[kCoarseDirections][kCoarseDirections];
   EdgeCostsOfPairs(gx_.data(), gy_.data(), gathered_, hull_x_.data(), hull_y_.data(), hull_x_.size(),
-                   directions, static_cast<float>(size_.width), static_cast<float>(size_.height), costs);
+                   CoarseSides().rounded, static_cast<float>(size_.width), static_cast<float>(size_.height),
+                   costs);
   for (size_t i = 0; i < kCoarseDirections; ++i) {
     for (size_t j = 0; j < kCoarseDirections; ++j) {
       if (i == j || !(static_cast<double>(costs[i][j]) < best.cost)) continue;
-      const auto side = [&](size_t k) {
-        return glm::normalize(glm::dvec2(directions[k][0], directions[k][1]));
-      };
-      best = {static_cast<double>(costs[i][j]), {side(i), side(j), 1.0}};
+      best = {static_cast<double>(costs[i][j]), {CoarseSides().exact[i], CoarseSides().exact[j], 1.0}};
     }
   }
   Refine(0, steps, &best);

@@ -12,7 +12,7 @@ namespace shadowfit::HWY_NAMESPACE {
 
 /// Adds the samples' products to `moments`.
 void AddMoments(const BoundarySamples& samples, const glm::dmat3& normalized_from_ray, double moments[6][6]) {
-  const BoundaryLanes d;
+  const DoubleLanes d;
   std::array<std::array<Doubles, 6>, 6> sums;
   for (auto& row : sums) row.fill(hn::Zero(d));
   ForBoundaryLanes(samples.size(), [&](const auto& load) {

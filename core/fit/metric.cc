@@ -20,7 +20,7 @@ struct ScaledJacobians {
   Doubles k11, k21;  ///< Along screen x.
   Doubles k12, k22;  ///< Along screen y.
   Doubles det;       ///< Of K.
-  hn::Mask<BoundaryLanes> usable;
+  hn::Mask<DoubleLanes> usable;
 };
 
 template <class Load>
@@ -35,13 +35,13 @@ ScaledJacobians JacobiansOf(const Load& load, const BoundarySamples& samples, co
   k.k12 = hn::Sub(hn::Mul(d2.x, p.z), hn::Mul(p.x, d2.z));
   k.k22 = hn::Sub(hn::Mul(d2.y, p.z), hn::Mul(p.y, d2.z));
   k.det = hn::Sub(hn::Mul(k.k11, k.k22), hn::Mul(k.k12, k.k21));
-  const auto zero = hn::Zero(BoundaryLanes());
+  const auto zero = hn::Zero(DoubleLanes());
   k.usable = hn::And(hn::Gt(k.w, zero), hn::Gt(hn::Abs(k.det), zero));
   return k;
 }
 
 double FrobeniusSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
-  const BoundaryLanes d;
+  const DoubleLanes d;
   auto sum = hn::Zero(d);
   ForBoundaryLanes(samples.size(), [&](const auto& load) {
     const ScaledJacobians k = JacobiansOf(load, samples, texel_from_ray);
@@ -55,7 +55,7 @@ double FrobeniusSum(const BoundarySamples& samples, const glm::dmat3& texel_from
 }
 
 double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray, double most_per_sample) {
-  const BoundaryLanes d;
+  const DoubleLanes d;
   const auto most = hn::Set(d, most_per_sample);
   auto sum = hn::Zero(d);
   ForBoundaryLanes(samples.size(), [&](const auto& load) {

@@ -5,36 +5,14 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "core/math/double_lanes-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
 
-namespace hn = hwy::HWY_NAMESPACE;
-using Lanes = hn::CappedTag<double, PixelList::kPadding>;
-using Doubles = hn::Vec<Lanes>;
+using Lanes = DoubleLanes;
+static_assert(hn::MaxLanes(Lanes()) <= PixelList::kPadding);
 
-struct Doubles3 {
-  Doubles x, y, z;
-};
-
-HWY_INLINE Doubles3 Set(const glm::dvec3& v) {
-  const Lanes d;
-  return {hn::Set(d, v.x), hn::Set(d, v.y), hn::Set(d, v.z)};
-}
-HWY_INLINE Doubles Dot(const Doubles3& a, const Doubles3& b) {
-  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
-}
-HWY_INLINE Doubles3 Minus(const Doubles3& a, const Doubles3& b) {
-  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
-}
-HWY_INLINE Doubles3 Plus(const Doubles3& a, const Doubles3& b) {
-  return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};
-}
-HWY_INLINE Doubles3 Scaled(const Doubles3& a, Doubles by) {
-  return {hn::Mul(a.x, by), hn::Mul(a.y, by), hn::Mul(a.z, by)};
-}
-HWY_INLINE Doubles3 Times(const glm::dmat3& m, const Doubles3& v) {
-  return Plus(Plus(Scaled(Set(m[0]), v.x), Scaled(Set(m[1]), v.y)), Scaled(Set(m[2]), v.z));
-}
 HWY_INLINE void Store(const Doubles3& v, size_t i, std::vector<double> (&to)[3]) {
   const Lanes d;
   hn::StoreU(v.x, d, to[0].data() + i);
@@ -83,9 +61,7 @@ void Unproject(const Camera& camera, int width, int height, const PixelDepths& p
     };
     const Doubles3 dx1 = derivative(step1, load(pixels.dz1));
     const Doubles3 dx2 = derivative(step2, load(pixels.dz2));
-    const Doubles3 normal{hn::Sub(hn::Mul(dx1.y, dx2.z), hn::Mul(dx1.z, dx2.y)),
-                          hn::Sub(hn::Mul(dx1.z, dx2.x), hn::Mul(dx1.x, dx2.z)),
-                          hn::Sub(hn::Mul(dx1.x, dx2.y), hn::Mul(dx1.y, dx2.x))};
+    const Doubles3 normal = Cross(dx1, dx2);
     const Doubles length = hn::Sqrt(Dot(normal, normal));
     const auto regular = hn::And(hn::Gt(length, zero), hn::IsFinite(length));
     const Doubles3 towards_viewer = Minus(eye, Scaled(position, eye_w));
