@@ -7,8 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/budget/map_quality.h"
 #include "core/budget/texel_budget.h"
+#include "core/fit/map_quality.h"
 #include "core/fit/prediction.h"
 
 namespace shadowfit {
@@ -53,7 +53,7 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   demand.cost = PredictedPixels(light) * std::sqrt(texels);
   if (!std::isfinite(demand.cost)) demand.cost = 0.0;
   for (const double length : samples.boundary.length) demand.unit_pixels += length;
-  for (const double length : samples.rough_boundary.length) demand.unit_pixels += 0.5 * length;
+  for (const double length : samples.rough_boundary.length) demand.unit_pixels += kRoughWeight * length;
   demand.unit_pixels *= kUnsampled * kUnitPixelsPerLength;
   return demand;
 }

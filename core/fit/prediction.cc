@@ -31,8 +31,8 @@ double OfSamples(const BoundarySamples& samples, std::span<const ShadowProjectio
 double PredictMisclassifiedPixels(const LightSamples& samples,
                                   std::span<const ShadowProjection> projections) {
   const double reliable = OfSamples(samples.boundary, projections, std::numeric_limits<double>::infinity());
-  const double rough = OfSamples(samples.rough_boundary, projections, samples.pixels_per_sample / 3.0);
-  return kUnsampled * (reliable + 0.5 * rough);
+  const double rough = OfSamples(samples.rough_boundary, projections, samples.MostWrongPixels());
+  return kUnsampled * (reliable + kRoughWeight * rough);
 }
 
 }  // namespace shadowfit

@@ -21,8 +21,8 @@ namespace shadowfit::HWY_NAMESPACE {
 /// Returns one past the last element.
 size_t AddSamples(const BoundarySamples& samples, double weight, double most_length, size_t first,
                   WhitenedSamples* whitened) {
-  const BoundaryLanes d;
-  const hn::Rebind<float, BoundaryLanes> df;
+  const DoubleLanes d;
+  const hn::Rebind<float, DoubleLanes> df;
   const glm::dmat3& t = whitened->whitened_from_ray;
   size_t next = first;
   ForBoundaryLanes(samples.size(), [&](const auto& load) {
@@ -166,9 +166,8 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double 
   // Expected misclassified pixels above which a sample counts no more. They are estimated at the axis (0, 0,
   // 1), where the hull is about as wide as a square of unit second moments, sqrt(12), and a texel `texel` of
   // that; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's length.
-  const double most_pixels = problem.samples->pixels_per_sample / 3.0;
   const double texel = 1.0 / std::sqrt(problem.map_size.texels());
-  const double most_length = most_pixels / (0.29 * std::sqrt(12.0) * texel);
+  const double most_length = problem.samples->MostWrongPixels() / (0.29 * std::sqrt(12.0) * texel);
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
   const size_t reliable = add(problem.samples->boundary, 1.0, most_length, 0, &whitened);
   const size_t all = add(problem.samples->rough_boundary, rough_weight, most_length, reliable, &whitened);

@@ -40,6 +40,10 @@ struct BoundarySamples {
   glm::dvec3 RayDx2(size_t i) const { return {dr2[0][i], dr2[1][i], dr2[2][i]}; }
 };
 
+/// What a rough sample (LightSamples::rough_boundary) counts in predictions, and unless asked otherwise in
+/// fits.
+inline constexpr double kRoughWeight = 0.5;
+
 /// Where the boundary samples came from.
 enum class SampleSource {
   kShadowBoundary,  ///< Pixels whose shadow bit differs from a neighbour's: the normal case.
@@ -62,6 +66,10 @@ struct LightSamples {
   /// footprints, the pixels themselves, over which the shadow that each stands for extends.
   std::vector<glm::dvec3> hull_rays_dx1;
   std::vector<glm::dvec3> hull_rays_dx2;
+
+  /// Wrong pixels above which a sample counts no more: a feature that a sample just shows is a third of it
+  /// wide, and a map that misses it altogether gets no more wrong.
+  double MostWrongPixels() const { return pixels_per_sample / 3.0; }
 
   /// A corner, 0 to 3, of a hull sample's footprint.
   glm::dvec3 FootprintCorner(size_t i, int corner) const {

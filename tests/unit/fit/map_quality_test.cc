@@ -1,4 +1,4 @@
-#include "core/budget/map_quality.h"
+#include "core/fit/map_quality.h"
 
 #include <gtest/gtest.h>
 

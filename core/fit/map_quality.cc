@@ -1,9 +1,10 @@
-#include "core/budget/map_quality.h"
+#include "core/fit/map_quality.h"
 
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
+#include "core/fit/metric.h"
 #include "core/math/convex_hull.h"
 
 namespace shadowfit {
@@ -54,27 +55,13 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
         glm::cross((texel_rows[0] - u.x * texel_rows[2]) / u.z, (texel_rows[1] - u.y * texel_rows[2]) / u.z);
     const double area = glm::length(pixel_beam) / glm::length(texel_beam);
     if (!std::isfinite(area) || !(area > 0.0)) continue;
-    // Expected wrong pixels, as metric.h has it: texel steps across the edge's normal.
-    const glm::dvec3 dr1 = samples.RayDx1(i);
-    const glm::dvec3 dr2 = samples.RayDx2(i);
-    const auto derivative = [&](const glm::dvec3& dr) {
-      const glm::dvec3 h = projection.texel_from_ray * dr;
-      return (glm::dvec2(h) - glm::dvec2(u) * h.z) / u.z;
-    };
-    const glm::dvec2 j1 = derivative(dr1);
-    const glm::dvec2 j2 = derivative(dr2);
-    const double det = j1.x * j2.y - j2.x * j1.y;
-    if (det == 0.0) continue;
-    const double along1 = std::abs((samples.n1[i] * j2.y - samples.n2[i] * j1.y) / det);
-    const double along2 = std::abs((samples.n2[i] * j1.x - samples.n1[i] * j2.x) / det);
-    const double s = std::max(along1, along2);
-    const double t = std::min(along1, along2);
-    if (!(s > 0.0) || !std::isfinite(s)) continue;
+    const double pixels = EdgeMetricOfSample(samples, i, projection.texel_from_ray);
+    if (!(pixels > 0.0) || !std::isfinite(pixels)) continue;
     const double length = weight * samples.length[i];
     sums->length += length;
     sums->per_area += length / area;
     sums->root_area += length * std::sqrt(area);
-    sums->predicted += weight * std::min(samples.length[i] * (0.25 * s + t * t / (12.0 * s)), most_pixels);
+    sums->predicted += weight * std::min(pixels, most_pixels);
   }
 }
 
@@ -143,7 +130,7 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
   MapQuality quality;
   Sums sums;
   Add(camera, ray_space, samples.boundary, projections, screen, 1.0, 1e300, &sums);
-  Add(camera, ray_space, samples.rough_boundary, projections, screen, 0.5, samples.pixels_per_sample / 3.0,
+  Add(camera, ray_space, samples.rough_boundary, projections, screen, kRoughWeight, samples.MostWrongPixels(),
       &sums);
   if (!(sums.length > 0.0)) return quality;
   const double fill = Fill(samples.hull_rays, projections);
