@@ -4,21 +4,29 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <set>
+#include <span>
 
 #include "absl/strings/str_format.h"
 #include "core/resolution/light_maps.h"
+#include "core/resolution/tile_blocks.h"
 #include "core/resolution/tile_kernel.h"
 
 namespace shadowfit {
 namespace {
 
+using resolution::kBlocks;
+using resolution::kBlockWidth;
 using resolution::LightMap;
+using resolution::PatchBounds;
 using resolution::Tile;
+using resolution::TileBlocks;
 using resolution::TileDepths;
 using resolution::TileExtent;
 using resolution::TileMap;
@@ -51,13 +59,35 @@ struct PlannedMap {
   glm::dvec3 cone_axis{0.0};  // ... and axis . p > 0, p = (x w, y w, w).
 };
 
-/// What one tile has to say to one map. Certain once settled; until then, outer bounds.
-struct TileBound {
-  bool empty = true;
-  bool settled = false;
+/// Bounds and least width and height of boxes.
+struct Extremes {
   glm::dvec2 low{kInfinity};
   glm::dvec2 high{-kInfinity};
   glm::dvec2 smallest{kInfinity};
+
+  void Add(const Extremes& other) {
+    low = glm::min(low, other.low);
+    high = glm::max(high, other.high);
+    smallest = glm::min(smallest, other.smallest);
+  }
+  /// Whether what has these extremes may add anything.
+  bool MayExtend(const Extremes& known) const {
+    return low.x < known.low.x || low.y < known.low.y || high.x > known.high.x || high.y > known.high.y ||
+           smallest.x < known.smallest.x || smallest.y < known.smallest.y;
+  }
+};
+
+using BlockMask = uint32_t;
+static_assert(kBlocks <= 32);
+
+/// What one tile has to say to one map.
+struct TileBound {
+  Extremes settled;          // Of the blocks that were computed in double precision.
+  BlockMask open = 0;        // The others, as far as they hold samples.
+  Extremes outer;            // Bounds for these.
+  BlockMask unmeasured = 0;  // Those of the open ones that no pixel was looked at of, and of the others, ...
+  glm::dvec2 measured{kInfinity};  // ... bounds of their smallest boxes.
+  glm::dvec2 promise{kInfinity};   // A guess at the unmeasured blocks' smallest boxes.
   int64_t pixels = 0;
   double least_along = kInfinity;
   double most_along = -kInfinity;
@@ -78,6 +108,7 @@ struct PlacedMap {
   glm::dvec2 hull_low{kInfinity};
   glm::dvec2 hull_high{-kInfinity};
   // For the error of the float kernel: least w, and the sums of the sizes of each row's terms.
+  bool before_light = false;  // All of the tile.
   double least_w = 0.0;
   double x_size = 0.0, y_size = 0.0, w_size = 0.0;
   double least_along = kInfinity;  // Over the tile's part of the frustum, where it lies before the light.
@@ -95,24 +126,31 @@ double SizeOfTerms(const double* row, const glm::dvec3& reach) {
          std::abs(row[3]);
 }
 
+/// Window depths of a tile's samples and of their pixels' corners; least > most without any.
+struct DepthBounds {
+  double least = 2.0;
+  double most = -1.0;
+};
+
+DepthBounds BoundsOf(const TileBlocks& blocks) {
+  DepthBounds range;
+  for (int block = 0; block < kBlocks; ++block) {
+    if (blocks.samples[block] == 0) continue;
+    range.least = std::min(range.least, double{blocks.least[block]});
+    range.most = std::max(range.most, double{blocks.most[block]});
+  }
+  return range;
+}
+
 class TilePlacer {
  public:
-  /// `least` and `most` bound the local depths of the tile's samples and of their neighbours.
-  TilePlacer(const Tile& tile, double least, double most)
+  TilePlacer(const Tile& tile, const DepthBounds& range)
       : reference_(-1.0 + (2.0 * tile.x0 + tile.width) / tile.depth.width,
                    -1.0 + (2.0 * tile.y0 + tile.height) / tile.depth.height, tile.reference_depth, 1.0),
         step_(2.0 / tile.depth.width, 2.0 / tile.depth.height),
         half_(0.5 * tile.width, 0.5 * tile.height),
-        low_depth_(least),
-        high_depth_(most) {
-    // At the picture's border, corners average extrapolated depths: beyond the extremes by up to one and a
-    // half times the range.
-    if (tile.x0 == 0 || tile.y0 == 0 || tile.x0 + tile.width == tile.depth.width ||
-        tile.y0 + tile.height == tile.depth.height) {
-      low_depth_ = std::max(0.0 - tile.reference_depth, least - 1.5 * (most - least));
-      high_depth_ = std::min(1.0 - tile.reference_depth, most + 1.5 * (most - least));
-    }
-  }
+        low_depth_(range.least - tile.reference_depth),
+        high_depth_(range.most - tile.reference_depth) {}
 
   PlacedMap Place(const PlannedMap& planned, bool in_double) const {
     PlacedMap placed;
@@ -122,46 +160,51 @@ class TilePlacer {
     ToLocal(planned.w, local.w);
     ToLocal(planned.along, local.along);
 
-    // 1. The tile's part of the view frustum is the hull of eight points, and everything asked of it is
-    // linear or convex: what holds at the points holds inside.
-    double least_w = kInfinity;
-    double least_inside[4] = {kInfinity, kInfinity, kInfinity, kInfinity};
-    double most_inside[4] = {-kInfinity, -kInfinity, -kInfinity, -kInfinity};
-    double most_w = -kInfinity;
-    bool cone_holds_all = true;
+    // 1. The tile's part of the view frustum is a box in local coordinates, at whose corners linear forms are
+    // extreme; so are the quotients, and what holds at the corners of something convex holds inside.
+    const double middle_depth = 0.5 * (low_depth_ + high_depth_);
+    const double half_depth = 0.5 * (high_depth_ - low_depth_);
+    const auto middle = [&](const double* row) { return row[2] * middle_depth + row[3]; };
+    const auto reach_of = [&](double x, double y, double z) {
+      return std::abs(x) * half_.x + std::abs(y) * half_.y + std::abs(z) * half_depth;
+    };
+    const double w_middle = middle(local.w);
+    const double w_reach = reach_of(local.w[0], local.w[1], local.w[2]);
+    double least_w = w_middle - w_reach;
+    const double most_w = w_middle + w_reach;
+    if (!(most_w > 0.0)) return placed;
+    bool square_holds_all = true;
+    if (planned.map.bounded) {
+      for (const double* row : {local.x, local.y}) {
+        for (const double sign : {-1.0, 1.0}) {  // 0 <= w -+ x
+          const double inside = w_middle + sign * middle(row);
+          const double reach =
+              reach_of(local.w[0] + sign * row[0], local.w[1] + sign * row[1], local.w[2] + sign * row[2]);
+          if (inside + reach < 0.0) return placed;
+          square_holds_all = square_holds_all && inside - reach > 1e-9 * most_w;
+        }
+      }
+    }
+    bool cone_holds_all = planned.cone;
     for (int corner = 0; corner < 8; ++corner) {
       const double lx = (corner & 1) != 0 ? half_.x : -half_.x;
       const double ly = (corner & 2) != 0 ? half_.y : -half_.y;
       const double lz = (corner & 4) != 0 ? high_depth_ : low_depth_;
       const auto at = [&](const double* row) { return row[0] * lx + row[1] * ly + row[2] * lz + row[3]; };
       const glm::dvec3 p(at(local.x), at(local.y), at(local.w));
-      least_w = std::min(least_w, p.z);
-      most_w = std::max(most_w, p.z);
-      const double inside[4] = {p.z - p.x, p.z + p.x, p.z - p.y, p.z + p.y};
-      for (int i = 0; i < 4; ++i) {
-        least_inside[i] = std::min(least_inside[i], inside[i]);
-        most_inside[i] = std::max(most_inside[i], inside[i]);
-      }
-      if (planned.cone) {
-        cone_holds_all = cone_holds_all && glm::dot(p, planned.cone_form * p) > 0.0 &&
-                         glm::dot(planned.cone_axis, p) > 0.0;
-      }
-      if (p.z > 0.0) {
-        placed.hull_low = glm::min(placed.hull_low, glm::dvec2(p) / p.z);
-        placed.hull_high = glm::max(placed.hull_high, glm::dvec2(p) / p.z);
-        placed.least_along = std::min(placed.least_along, at(local.along) / p.z);
-        placed.most_along = std::max(placed.most_along, at(local.along) / p.z);
-      }
+      cone_holds_all =
+          cone_holds_all && glm::dot(p, planned.cone_form * p) > 0.0 && glm::dot(planned.cone_axis, p) > 0.0;
+      if (!(p.z > 0.0)) continue;
+      const double by_w = 1.0 / p.z;
+      placed.hull_low = glm::min(placed.hull_low, glm::dvec2(p) * by_w);
+      placed.hull_high = glm::max(placed.hull_high, glm::dvec2(p) * by_w);
+      placed.least_along = std::min(placed.least_along, at(local.along) * by_w);
+      placed.most_along = std::max(placed.most_along, at(local.along) * by_w);
     }
-    if (!(most_w > 0.0)) return placed;
-    if (planned.map.bounded) {
-      for (const double most : most_inside) {
-        if (most < 0.0) return placed;
-      }
-    }
-    local.in_square = planned.map.bounded && !planned.map.inscribed_cone &&
-                      !(least_w > 0.0 && *std::min_element(least_inside, least_inside + 4) > 1e-9 * most_w);
+    local.in_square =
+        planned.map.bounded && !planned.map.inscribed_cone && !(least_w > 0.0 && square_holds_all);
     local.in_cone = planned.cone && !(least_w > 0.0 && cone_holds_all);
+    placed.before_light = least_w > 0.0;
 
     // 2. Picture coordinates relative to those of the reference point, and w relative to its w.
     if (local.w[3] > 0.0) placed.origin = {local.x[3] / local.w[3], local.y[3] / local.w[3]};
@@ -239,48 +282,124 @@ class TilePlacer {
   double high_depth_;
 };
 
+/// How the blocks of a tile lie to a map. Those without samples are in no mask.
+struct PlacedBlocks {
+  BlockMask inside = 0;      // The light's volume holds them wholly.
+  BlockMask edge = 0;        // It may hold some of their pixels.
+  Extremes bounds[kBlocks];  // By what a block's pixels have in common.
+};
+
+/// Bounds of (X, Y, 1)^T form (X, Y, 1) over a rectangle, by its expansion about the middle.
+void BoundForm(const glm::dmat3& form, const glm::dvec2& low, const glm::dvec2& high, double* least,
+               double* most) {
+  const glm::dvec3 middle(0.5 * (low + high), 1.0);
+  const glm::dvec2 half = 0.5 * (high - low);
+  const glm::dvec3 product = form * middle;
+  const double reach = 2.0 * (std::abs(product.x) * half.x + std::abs(product.y) * half.y) +
+                       std::abs(form[0][0]) * half.x * half.x + std::abs(form[1][1]) * half.y * half.y +
+                       2.0 * std::abs(form[0][1]) * half.x * half.y;
+  *least = glm::dot(middle, product) - reach;
+  *most = glm::dot(middle, product) + reach;
+}
+
+void PlaceBlocks(const PlannedMap& planned, const PlacedMap& placed, const Tile& tile,
+                 const TileBlocks& common, PlacedBlocks* blocks) {
+  PatchBounds patches;
+  resolution::BoundPatches(tile, common, placed.map, &patches);
+  *blocks = {};
+  for (int block = 0; block < kBlocks; ++block) {
+    if (common.samples[block] == 0) continue;
+    Extremes& bounds = blocks->bounds[block];
+    for (int axis = 0; axis < 2; ++axis) {
+      const double low = placed.origin[axis] + patches.low[axis][block];
+      const double high = placed.origin[axis] + patches.high[axis][block];
+      const double rounding =
+          1e-12 * (std::abs(placed.origin[axis]) + std::max(std::abs(low), std::abs(high)));
+      bounds.low[axis] = std::max(placed.hull_low[axis], low) - rounding;
+      bounds.high[axis] = std::min(placed.hull_high[axis], high) + rounding;
+      bounds.smallest[axis] = patches.smallest[axis][block];
+    }
+    const BlockMask bit = BlockMask{1} << block;
+    bool inside = true;
+    bool outside = false;
+    constexpr double kMargin = 1e-9;
+    if (placed.map.in_square) {
+      inside = glm::all(glm::greaterThan(bounds.low, glm::dvec2(kMargin - 1.0))) &&
+               glm::all(glm::lessThan(bounds.high, glm::dvec2(1.0 - kMargin)));
+      outside = glm::any(glm::lessThan(bounds.high, glm::dvec2(-1.0 - kMargin))) ||
+                glm::any(glm::greaterThan(bounds.low, glm::dvec2(1.0 + kMargin)));
+    }
+    if (placed.map.in_cone) {
+      double least;
+      double most;
+      BoundForm(planned.cone_form, bounds.low, bounds.high, &least, &most);
+      const glm::dvec3& axis = planned.cone_axis;
+      const glm::dvec2 middle = 0.5 * (bounds.low + bounds.high);
+      const glm::dvec2 half = 0.5 * (bounds.high - bounds.low);
+      const double ahead = axis.x * middle.x + axis.y * middle.y + axis.z;
+      const double reach = std::abs(axis.x) * half.x + std::abs(axis.y) * half.y;
+      const double margin = kMargin * (std::abs(most) + std::abs(least) + 1.0);
+      inside = inside && least > margin && ahead - reach > margin;
+      outside = outside || most < -margin || ahead + reach < -margin;
+    }
+    if (outside) continue;
+    if (planned.map.bounded) {
+      bounds.low = glm::max(bounds.low, glm::dvec2(-1.0));
+      bounds.high = glm::min(bounds.high, glm::dvec2(1.0));
+    }
+    (inside ? blocks->inside : blocks->edge) |= bit;
+  }
+}
+
 /// Turns what the kernel found into bounds that hold for certain.
-void SetBound(const PlannedMap& planned, const PlacedMap& placed, const TileExtent& extent, bool in_double,
-              TileBound* bound) {
-  *bound = {};
-  bound->settled = in_double;
-  bound->empty = extent.pixels == 0;
-  if (bound->empty) return;
-  bound->pixels = extent.pixels;
-  bound->least_along = in_double ? extent.least_along : placed.least_along;
-  bound->most_along = in_double ? extent.most_along : placed.most_along;
+Extremes BoundsFrom(const PlannedMap& planned, const PlacedMap& placed, const TileExtent& extent,
+                    bool in_double) {
+  Extremes bounds;
+  if (extent.pixels == 0) return bounds;
   for (int axis = 0; axis < 2; ++axis) {
     double error = 0.0;
     if (in_double) {
-      bound->low[axis] = placed.origin[axis] + extent.min[axis];
-      bound->high[axis] = placed.origin[axis] + extent.max[axis];
+      bounds.low[axis] = placed.origin[axis] + extent.min[axis];
+      bounds.high[axis] = placed.origin[axis] + extent.max[axis];
     } else if (placed.map.in_square || placed.map.in_cone) {
       error = placed.FloatError(axis, std::max(std::abs(extent.min[axis]), std::abs(extent.max[axis])));
-      bound->low[axis] = placed.origin[axis] + extent.min[axis] - error;
-      bound->high[axis] = placed.origin[axis] + extent.max[axis] + error;
+      bounds.low[axis] = placed.origin[axis] + extent.min[axis] - error;
+      bounds.high[axis] = placed.origin[axis] + extent.max[axis] + error;
     } else {
       const double low = placed.hull_low[axis];
       const double high = placed.hull_high[axis];
       error = placed.FloatError(axis, std::max(placed.origin[axis] - low, high - placed.origin[axis]));
       const double rounding = 1e-12 * std::max(std::abs(low), std::abs(high));
-      bound->low[axis] = low - rounding;
-      bound->high[axis] = high + rounding;
+      bounds.low[axis] = low - rounding;
+      bounds.high[axis] = high + rounding;
     }
-    bound->smallest[axis] =
+    bounds.smallest[axis] =
         std::max(0.0, extent.smallest[axis] * (1.0 - 2.0 * kFloatError * (error > 0.0)) - 2.0 * error);
-    if (!(bound->smallest[axis] >= 0.0)) bound->smallest[axis] = 0.0;
+    if (!(bounds.smallest[axis] >= 0.0)) bounds.smallest[axis] = 0.0;
     if (planned.map.bounded) {
-      if (bound->low[axis] < -1.0 + kEdgeSnap) bound->low[axis] = -1.0;
-      if (bound->high[axis] > 1.0 - kEdgeSnap) bound->high[axis] = 1.0;
+      if (bounds.low[axis] < -1.0 + kEdgeSnap) bounds.low[axis] = -1.0;
+      if (bounds.high[axis] > 1.0 - kEdgeSnap) bounds.high[axis] = 1.0;
     }
   }
+  return bounds;
 }
 
-/// For the few tiles that float cannot serve at all.
-void ReduceInDouble(const Tile& tile, const TileMap& map, TileExtent* extent) {
-  TileDepths<double> depths;
-  resolution::PrepareTile(tile, &depths);
-  resolution::ReduceTile(tile, depths, map, extent);
+/// Reduces some blocks of a tile, in the arithmetic of T.
+template <typename T>
+TileExtent ReduceBlocks(Tile tile, BlockMask mask, const TileMap& map) {
+  TileExtent all;
+  TileDepths<T> depths;
+  for (int block = 0; block < kBlocks; ++block) {
+    if ((mask >> block & 1) == 0) continue;
+    tile.begin = block * kBlockWidth;
+    while (block + 1 < kBlocks && (mask >> (block + 1) & 1) != 0) ++block;
+    tile.end = std::min(tile.width, (block + 1) * kBlockWidth);
+    resolution::PrepareTile(tile, &depths);
+    TileExtent extent;
+    resolution::ReduceTile(tile, depths, map, &extent);
+    all.Add(extent);
+  }
+  return all;
 }
 
 absl::Status CheckPictures(const ResolutionRequest& request) {
@@ -401,13 +520,10 @@ struct ResolutionEstimator::Workspace {
   bool histogram = false;
 
   int tiles_x = 0, tiles_y = 0;
-  std::vector<TileBound> bounds;  // [map][tile]
-  struct Item {
-    int map;
-    int tile;
-  };
-  std::vector<Item> to_settle;
-  int settled = 0;
+  std::vector<TileBlocks> blocks;  // [tile]
+  std::vector<TileBound> bounds;   // [map][tile]
+  std::atomic<int> settled{0};     // Tiles times maps, in double precision.
+  std::atomic<int64_t> visits{0};  // Pixels times maps that were projected one by one.
   tbb::enumerable_thread_specific<std::vector<uint32_t>> histograms;  // [map][axis][bin]
   std::vector<uint32_t> histogram_sum;
 
@@ -424,11 +540,12 @@ struct ResolutionEstimator::Workspace {
   Tile MakeTile(int index) const;
   void ReduceTile(int index);
   void ReduceAll(const Cancellation& cancellation);
-  void Settle(const Cancellation& cancellation);
-  void SettleExtent(int map, const Cancellation& cancellation);
-  glm::dvec2 SettleSmallest(int map, const glm::dvec2& extent, double scale, int max_size,
-                            const Cancellation& cancellation);
-  void MeetExtent(int map, bool settled_only, glm::dvec2* low, glm::dvec2* high);
+  void CountVisits(const Tile& tile, BlockMask mask) {
+    const int last = (tile.width - 1) / kBlockWidth;  // May be narrow.
+    const int missing = (mask >> last & 1) != 0 ? (last + 1) * kBlockWidth - tile.width : 0;
+    visits.fetch_add((int64_t{std::popcount(mask)} * kBlockWidth - missing) * tile.height,
+                     std::memory_order_relaxed);
+  }
 };
 
 absl::Status ResolutionEstimator::Workspace::Plan(const ResolutionRequest& request) {
@@ -511,6 +628,7 @@ Tile ResolutionEstimator::Workspace::MakeTile(int index) const {
   tile.y0 = index / tiles_x * resolution::kTileHeight;
   tile.width = std::min(resolution::kTileWidth, depth.width - tile.x0);
   tile.height = std::min(resolution::kTileHeight, depth.height - tile.y0);
+  tile.end = tile.width;
   SetSampleRange(convention, &tile);
   // The depth of any sample serves as reference; the further from the others, the more tiles need double
   // precision.
@@ -530,39 +648,75 @@ Tile ResolutionEstimator::Workspace::MakeTile(int index) const {
 
 void ResolutionEstimator::Workspace::ReduceTile(int index) {
   const Tile tile = MakeTile(index);
+  TileBlocks& common = blocks[static_cast<size_t>(index)];
+  resolution::SummarizeTile(tile, &common);
   const int map_count = static_cast<int>(maps.size());
-  TileDepths<float> depths;
-  resolution::PrepareTile(tile, &depths);
-  if (depths.least > depths.most) {
-    for (int map = 0; map < map_count; ++map) BoundOf(map, index) = {.settled = true};
-    return;
+  for (int map = 0; map < map_count; ++map) BoundOf(map, index) = {};
+  BlockMask with_samples = 0;
+  for (int block = 0; block < kBlocks; ++block) {
+    with_samples |= BlockMask{common.samples[block] > 0} << block;
   }
+  if (with_samples == 0) return;
   uint32_t* counts = nullptr;
+  TileDepths<float> depths;
   if (histogram) {
     std::vector<uint32_t>& own = histograms.local();
     own.resize(maps.size() * 2 * resolution::kHistogramBins);
     counts = own.data();
+    resolution::PrepareTile(tile, &depths);
   }
-  const TilePlacer placer(tile, depths.least, depths.most);
-  TileExtent extent;
+  const TilePlacer placer(tile, BoundsOf(common));
   for (int map = 0; map < map_count; ++map) {
     const PlannedMap& planned = maps[static_cast<size_t>(map)];
     PlacedMap placed = placer.Place(planned, false);
-    if (placed.where == PlacedMap::Where::kOutside) {
-      BoundOf(map, index) = {.settled = true};
-      continue;
-    }
+    if (placed.where == PlacedMap::Where::kOutside) continue;
     if (counts != nullptr) {
       placed.map.histogram_x = counts + static_cast<size_t>(map) * 2 * resolution::kHistogramBins;
       placed.map.histogram_y = placed.map.histogram_x + resolution::kHistogramBins;
     }
     const bool in_double = placed.where == PlacedMap::Where::kInDouble;
-    if (in_double) {
-      ReduceInDouble(tile, placed.map, &extent);
-    } else {
-      resolution::ReduceTile(tile, depths, placed.map, &extent);
+    TileBound& bound = BoundOf(map, index);
+    if (!placed.before_light || (in_double && histogram)) {
+      const TileExtent extent = ReduceBlocks<double>(tile, with_samples, placed.map);
+      CountVisits(tile, with_samples);
+      settled.fetch_add(1, std::memory_order_relaxed);
+      bound.settled = BoundsFrom(planned, placed, extent, true);
+      bound.pixels = extent.pixels;
+      bound.least_along = extent.least_along;
+      bound.most_along = extent.most_along;
+      continue;
     }
-    SetBound(planned, placed, extent, in_double, &BoundOf(map, index));
+    TileExtent extent;
+    if (histogram) {
+      resolution::ReduceTile(tile, depths, placed.map, &extent);
+      CountVisits(tile, with_samples);
+      bound.open = with_samples;
+    } else {
+      PlacedBlocks view;
+      PlaceBlocks(planned, placed, tile, common, &view);
+      if (view.edge != 0) {
+        extent = in_double ? ReduceBlocks<double>(tile, view.edge, placed.map)
+                           : ReduceBlocks<float>(tile, view.edge, placed.map);
+        CountVisits(tile, view.edge);
+      }
+      bound.open = view.inside | (extent.pixels > 0 ? view.edge : 0);
+      bound.unmeasured = view.inside;
+      for (int block = 0; block < kBlocks; ++block) {
+        if ((view.inside >> block & 1) == 0) continue;
+        bound.pixels += common.samples[block];
+        bound.outer.Add(view.bounds[block]);
+        for (int axis = 0; axis < 2; ++axis) {
+          const double least = view.bounds[block].smallest[axis];
+          if (least > 0.0) bound.promise[axis] = std::min(bound.promise[axis], least);
+        }
+      }
+    }
+    const Extremes measured = BoundsFrom(planned, placed, extent, in_double);
+    bound.outer.Add(measured);
+    bound.measured = measured.smallest;
+    bound.pixels += extent.pixels;
+    bound.least_along = placed.least_along;
+    bound.most_along = placed.most_along;
   }
 }
 
@@ -570,13 +724,14 @@ void ResolutionEstimator::Workspace::ReduceAll(const Cancellation& cancellation)
   tiles_x = (depth.width + resolution::kTileWidth - 1) / resolution::kTileWidth;
   tiles_y = (depth.height + resolution::kTileHeight - 1) / resolution::kTileHeight;
   bounds.resize(maps.size() * static_cast<size_t>(tile_count()));
+  blocks.resize(static_cast<size_t>(tile_count()));
   settled = 0;
+  visits = 0;
   for (std::vector<uint32_t>& counts : histograms) std::fill(counts.begin(), counts.end(), 0);
   tbb::parallel_for(0, tiles_y, [&](int row) {
     if (cancellation.Requested()) return;
     for (int column = 0; column < tiles_x; ++column) ReduceTile(row * tiles_x + column);
   });
-  for (const TileBound& bound : bounds) settled += bound.settled && !bound.empty ? 1 : 0;
   if (!histogram) return;
   histogram_sum.assign(maps.size() * 2 * resolution::kHistogramBins, 0);
   for (const std::vector<uint32_t>& counts : histograms) {
@@ -585,119 +740,264 @@ void ResolutionEstimator::Workspace::ReduceAll(const Cancellation& cancellation)
   }
 }
 
-void ResolutionEstimator::Workspace::Settle(const Cancellation& cancellation) {
-  settled += static_cast<int>(to_settle.size());
-  tbb::parallel_for(size_t{0}, to_settle.size(), [&](size_t i) {
-    if (cancellation.Requested()) return;
-    const auto [map, index] = to_settle[i];
-    const PlannedMap& planned = maps[static_cast<size_t>(map)];
-    const Tile tile = MakeTile(index);
-    TileDepths<double> depths;
-    resolution::PrepareTile(tile, &depths);
-    const PlacedMap placed = TilePlacer(tile, depths.least, depths.most).Place(planned, true);
-    TileExtent extent;
-    resolution::ReduceTile(tile, depths, placed.map, &extent);
-    SetBound(planned, placed, extent, true, &BoundOf(map, index));
-  });
-}
-
-void ResolutionEstimator::Workspace::MeetExtent(int map, bool settled_only, glm::dvec2* low,
-                                                glm::dvec2* high) {
-  *low = glm::dvec2(kInfinity);
-  *high = glm::dvec2(-kInfinity);
-  for (int tile = 0; tile < tile_count(); ++tile) {
-    const TileBound& bound = BoundOf(map, tile);
-    if (bound.empty || (settled_only && !bound.settled)) continue;
-    *low = glm::min(*low, bound.low);
-    *high = glm::max(*high, bound.high);
+/// Makes the bounds of one map certain, as far as they matter.
+class ResolutionEstimator::Settler {
+ public:
+  Settler(Workspace* work, int map, const Cancellation& cancellation)
+      : work_(*work),
+        cancellation_(cancellation),
+        planned_(work->maps[static_cast<size_t>(map)]),
+        bounds_(&work->BoundOf(map, 0), static_cast<size_t>(work->tile_count())) {
+    for (const TileBound& bound : bounds_) certain_.Add(bound.settled);
   }
-}
 
-/// Settles tiles until no other can widen the extent, the outermost on each side first: where a bound is
-/// loose, the tiles behind it often turn out to need no settling.
-void ResolutionEstimator::Workspace::SettleExtent(int map, const Cancellation& cancellation) {
-  while (!cancellation.Requested()) {
-    glm::dvec2 low;
-    glm::dvec2 high;
-    MeetExtent(map, true, &low, &high);
-    constexpr int kSides = 4;
-    constexpr int kPerSide = 2;
-    struct Reach {
-      double beyond = 0.0;  // How far a tile may reach beyond what is certain.
-      int tile = -1;
-    };
-    Reach outermost[kSides][kPerSide];
-    for (int tile = 0; tile < tile_count(); ++tile) {
-      const TileBound& bound = BoundOf(map, tile);
-      if (bound.empty || bound.settled) continue;
-      const double beyond[kSides] = {low.x - bound.low.x, low.y - bound.low.y, bound.high.x - high.x,
-                                     bound.high.y - high.y};
-      for (int side = 0; side < kSides; ++side) {
-        Reach reach{beyond[side], tile};
-        for (Reach& best : outermost[side]) {
-          if (reach.beyond > best.beyond) std::swap(reach, best);
+  /// What is certain by now.
+  const Extremes& certain() const { return certain_; }
+
+  /// Settles tiles until no other can widen the extent, the outermost on each side first: where a bound is
+  /// loose, the tiles behind it often turn out to need no settling.
+  void SettleExtent() {
+    // Nothing is certain at first; only what is about as far out as anything is worth a look.
+    Extremes known;
+    for (const TileBound& bound : bounds_) {
+      known.Add(bound.settled);
+      known.Add(bound.outer);
+    }
+    const glm::dvec2 inwards = 0.01 * (known.high - known.low);
+    known.low += inwards;
+    known.high -= inwards;
+    known.smallest = glm::dvec2(-kInfinity);
+    while (!cancellation_.Requested()) {
+      constexpr int kSides = 4;
+      constexpr int kPerSide = 2;
+      struct Reach {
+        double beyond = 0.0;  // How far a tile may reach beyond what is known.
+        int tile = -1;
+      };
+      Reach outermost[kSides][kPerSide];
+      for (int tile = 0; tile < tile_count(); ++tile) {
+        const TileBound& bound = bounds_[static_cast<size_t>(tile)];
+        if (bound.open == 0) continue;
+        const double beyond[kSides] = {known.low.x - bound.outer.low.x, known.low.y - bound.outer.low.y,
+                                       bound.outer.high.x - known.high.x, bound.outer.high.y - known.high.y};
+        for (int side = 0; side < kSides; ++side) {
+          Reach reach{beyond[side], tile};
+          for (Reach& best : outermost[side]) {
+            if (reach.beyond > best.beyond) std::swap(reach, best);
+          }
         }
       }
+      tiles_.clear();
+      for (const auto& side : outermost) {
+        for (const Reach& reach : side) List(reach.tile);
+      }
+      if (tiles_.empty() && known.low == certain_.low && known.high == certain_.high) return;
+      SettleListed(known);
+      known.low = certain_.low;
+      known.high = certain_.high;
     }
-    to_settle.clear();
-    for (const auto& side : outermost) {
-      for (const Reach& reach : side) {
-        const bool listed = std::any_of(to_settle.begin(), to_settle.end(),
-                                        [&](const Item& item) { return item.tile == reach.tile; });
-        if (reach.tile >= 0 && !listed) to_settle.push_back({map, reach.tile});
+  }
+
+  /// Settles tiles until no other can change the number of texels, given the final extent. First those that
+  /// seem to hold the smallest boxes: by what their pixels have in common, by the pixels of all blocks of
+  /// which nothing is known, and by those of all blocks that may hold a still smaller one. Then all that
+  /// would need more texels than are certain.
+  void SettleSmallest(double scale, int max_size) {
+    SettleLeast([](const TileBound& bound) { return bound.promise; });
+    MeasureBelow(glm::dvec2(std::numeric_limits<double>::min()));
+    SettleLeast([](const TileBound& bound) { return bound.measured; });
+    MeasureBelow(certain_.smallest);
+    SettleLeast([](const TileBound& bound) { return bound.outer.smallest; });
+    const glm::dvec2 extent = certain_.high - certain_.low;
+    glm::dvec2 threshold;
+    for (int axis = 0; axis < 2; ++axis) {
+      const int texels = RoundedSize(NeededTexels(extent[axis], certain_.smallest[axis], scale),
+                                     SizeRounding::kExact, max_size);
+      threshold[axis] = texels >= max_size ? 0.0 : extent[axis] * scale / (texels + kTexelTolerance);
+    }
+    ListBelow(threshold, [](const TileBound&) { return true; });
+    SettleListed(BoxesBelow(threshold));
+  }
+
+ private:
+  int tile_count() const { return static_cast<int>(bounds_.size()); }
+
+  static Extremes BoxesBelow(const glm::dvec2& size) {
+    return {.low = glm::dvec2(-kInfinity), .high = glm::dvec2(kInfinity), .smallest = size};
+  }
+
+  void List(int tile) {
+    if (tile >= 0 && std::find(tiles_.begin(), tiles_.end(), tile) == tiles_.end()) tiles_.push_back(tile);
+  }
+
+  template <typename Condition>
+  void ListBelow(const glm::dvec2& size, const Condition& condition) {
+    tiles_.clear();
+    for (int tile = 0; tile < tile_count(); ++tile) {
+      const TileBound& bound = bounds_[static_cast<size_t>(tile)];
+      const bool below = bound.outer.smallest.x < size.x || bound.outer.smallest.y < size.y;
+      if (bound.open != 0 && below && condition(bound)) tiles_.push_back(tile);
+    }
+  }
+
+  /// The tiles whose value is least along each axis.
+  template <typename Value>
+  void SettleLeast(const Value& value_of) {
+    tiles_.clear();
+    for (int axis = 0; axis < 2; ++axis) {
+      int best = -1;
+      double least = certain_.smallest[axis];
+      for (int tile = 0; tile < tile_count(); ++tile) {
+        const TileBound& bound = bounds_[static_cast<size_t>(tile)];
+        const double value = value_of(bound)[axis];
+        if (bound.open == 0 || !(value < least)) continue;
+        least = value;
+        best = tile;
+      }
+      List(best);
+    }
+    SettleListed(BoxesBelow(certain_.smallest));
+  }
+
+  void SettleListed(const Extremes& known) {
+    tbb::parallel_for(size_t{0}, tiles_.size(), [&](size_t i) {
+      if (!cancellation_.Requested()) SettleTile(tiles_[i], known);
+    });
+    for (const int tile : tiles_) certain_.Add(bounds_[static_cast<size_t>(tile)].settled);
+  }
+
+  /// Computes, in double precision, the open blocks of a tile that may add to what is known.
+  void SettleTile(int index, const Extremes& known) {
+    TileBound& bound = bounds_[static_cast<size_t>(index)];
+    const Tile tile = work_.MakeTile(index);
+    const TileBlocks& common = work_.blocks[static_cast<size_t>(index)];
+    const PlacedMap placed = TilePlacer(tile, BoundsOf(common)).Place(planned_, true);
+    PlacedBlocks view;
+    PlaceBlocks(planned_, placed, tile, common, &view);
+    BlockMask wanted = 0;
+    bound.outer = {};
+    bound.promise = glm::dvec2(kInfinity);
+    for (int block = 0; block < kBlocks; ++block) {
+      const BlockMask bit = BlockMask{1} << block;
+      if ((bound.open & bit) == 0) continue;
+      if (view.bounds[block].MayExtend(known)) {
+        wanted |= bit;
+      } else {
+        bound.outer.Add(view.bounds[block]);
       }
     }
-    if (to_settle.empty()) return;
-    Settle(cancellation);
+    bound.open &= ~wanted;
+    bound.unmeasured &= ~wanted;
+    const TileExtent extent = ReduceBlocks<double>(tile, wanted, placed.map);
+    work_.CountVisits(tile, wanted);
+    work_.settled.fetch_add(1, std::memory_order_relaxed);
+    bound.settled.Add(BoundsFrom(planned_, placed, extent, true));
   }
-}
 
-/// Settles tiles until no other can change the number of texels: first the one that seems to hold the
-/// smallest box, then all whose lower bound would need more texels than are certain.
-glm::dvec2 ResolutionEstimator::Workspace::SettleSmallest(int map, const glm::dvec2& extent, double scale,
-                                                          int max_size, const Cancellation& cancellation) {
-  to_settle.clear();
-  for (int axis = 0; axis < 2; ++axis) {
-    int best = -1;
-    for (int tile = 0; tile < tile_count(); ++tile) {
-      const TileBound& bound = BoundOf(map, tile);
-      if (bound.empty || (best >= 0 && !(bound.smallest[axis] < BoundOf(map, best).smallest[axis]))) continue;
-      best = tile;
-    }
-    if (best < 0 || BoundOf(map, best).settled) continue;
-    if (to_settle.empty() || to_settle[0].tile != best) to_settle.push_back({map, best});
+  /// Looks at the pixels of all blocks that may hold a box smaller than `size`.
+  void MeasureBelow(const glm::dvec2& size) {
+    ListBelow(size, [](const TileBound& bound) { return bound.unmeasured != 0; });
+    tbb::parallel_for(size_t{0}, tiles_.size(), [&](size_t i) {
+      if (!cancellation_.Requested()) MeasureTile(tiles_[i], size);
+    });
   }
-  Settle(cancellation);
 
-  const auto smallest_settled = [&] {
-    glm::dvec2 smallest(kInfinity);
-    for (int tile = 0; tile < tile_count(); ++tile) {
-      const TileBound& bound = BoundOf(map, tile);
-      if (bound.settled && !bound.empty) smallest = glm::min(smallest, bound.smallest);
+  void MeasureTile(int index, const glm::dvec2& size) {
+    TileBound& bound = bounds_[static_cast<size_t>(index)];
+    const Tile tile = work_.MakeTile(index);
+    const TileBlocks& common = work_.blocks[static_cast<size_t>(index)];
+    const PlacedMap placed = TilePlacer(tile, BoundsOf(common)).Place(planned_, false);
+    PlacedBlocks view;
+    PlaceBlocks(planned_, placed, tile, common, &view);
+    BlockMask wanted = 0;
+    glm::dvec2 others(kInfinity);
+    for (int block = 0; block < kBlocks; ++block) {
+      const BlockMask bit = BlockMask{1} << block;
+      if ((bound.unmeasured & bit) == 0) continue;
+      if (view.bounds[block].MayExtend(BoxesBelow(size))) {
+        wanted |= bit;
+      } else {
+        others = glm::min(others, view.bounds[block].smallest);
+      }
     }
-    return smallest;
-  };
-  const glm::dvec2 smallest = smallest_settled();
-  glm::dvec2 threshold;
-  for (int axis = 0; axis < 2; ++axis) {
-    const int texels =
-        RoundedSize(NeededTexels(extent[axis], smallest[axis], scale), SizeRounding::kExact, max_size);
-    threshold[axis] = texels >= max_size ? 0.0 : extent[axis] * scale / (texels + kTexelTolerance);
+    const bool in_double = placed.where == PlacedMap::Where::kInDouble;
+    const TileExtent extent = in_double ? ReduceBlocks<double>(tile, wanted, placed.map)
+                                        : ReduceBlocks<float>(tile, wanted, placed.map);
+    work_.CountVisits(tile, wanted);
+    bound.unmeasured &= ~wanted;
+    bound.measured = glm::min(bound.measured, BoundsFrom(planned_, placed, extent, in_double).smallest);
+    bound.outer.smallest = glm::min(bound.measured, others);
   }
-  to_settle.clear();
-  for (int tile = 0; tile < tile_count(); ++tile) {
-    const TileBound& bound = BoundOf(map, tile);
-    if (bound.empty || bound.settled) continue;
-    if (bound.smallest.x < threshold.x || bound.smallest.y < threshold.y) to_settle.push_back({map, tile});
-  }
-  Settle(cancellation);
-  return smallest_settled();
-}
+
+  Workspace& work_;
+  const Cancellation& cancellation_;
+  const PlannedMap& planned_;
+  const std::span<TileBound> bounds_;
+  Extremes certain_;
+  std::vector<int> tiles_;
+};
 
 ResolutionEstimator::ResolutionEstimator() : workspace_(std::make_unique<Workspace>()) {}
 ResolutionEstimator::~ResolutionEstimator() = default;
 ResolutionEstimator::ResolutionEstimator(ResolutionEstimator&&) noexcept = default;
 ResolutionEstimator& ResolutionEstimator::operator=(ResolutionEstimator&&) noexcept = default;
+
+MapEstimate ResolutionEstimator::EstimateMap(const ResolutionRequest& request,
+                                             const ResolutionOptions& options, const RaySpace& ray_space,
+                                             int map, const Cancellation& cancellation) {
+  Workspace& work = *workspace_;
+  MapEstimate estimate;
+  estimate.recommended = {LeastSize(options.rounding), LeastSize(options.rounding)};
+  Settler settler(&work, map, cancellation);
+  settler.SettleExtent();
+  const glm::dvec2 low = settler.certain().low;
+  const glm::dvec2 high = settler.certain().high;
+  if (low.x <= high.x) {
+    const double scale = ScreenScale(request);
+    settler.SettleSmallest(scale, options.max_size);
+    const glm::dvec2 extent = high - low;
+    estimate.crop_min = low;
+    estimate.crop_max = high;
+    estimate.smallest_patch = settler.certain().smallest;
+    double least_along = kInfinity;
+    double most_along = -kInfinity;
+    for (int tile = 0; tile < work.tile_count(); ++tile) {
+      const TileBound& bound = work.BoundOf(map, tile);
+      estimate.pixels += bound.pixels;
+      least_along = std::min(least_along, bound.least_along);
+      most_along = std::max(most_along, bound.most_along);
+    }
+    int size[2];
+    for (int axis = 0; axis < 2; ++axis) {
+      double& needed = estimate.needed[axis];
+      needed = NeededTexels(extent[axis], estimate.smallest_patch[axis], scale);
+      if (options.percentile < 100.0) {
+        needed = std::min(
+            needed, PercentileNeed(work.HistogramOf(map, axis), options.percentile, extent[axis], scale));
+      }
+      size[axis] = RoundedSize(needed, options.rounding, options.max_size);
+      estimate.limited = estimate.limited || size[axis] < std::ceil(needed - kTexelTolerance);
+    }
+    estimate.recommended = {size[0], size[1]};
+    if (options.histogram) {
+      estimate.histogram_x = Bins(work.HistogramOf(map, 0), extent.x, scale);
+      estimate.histogram_y = Bins(work.HistogramOf(map, 1), extent.y, scale);
+    }
+    estimate.depth_range = RangeOf(ray_space, least_along, most_along);
+  }
+  // The crop as rows: u = (x - low) / (high - low) * size.
+  const glm::dmat3 rows = glm::transpose(work.maps[static_cast<size_t>(map)].map.picture_from_ray);
+  glm::dmat3 crop = rows;
+  for (int axis = 0; axis < 2; ++axis) {
+    const double extent = std::max(estimate.crop_max[axis] - estimate.crop_min[axis], 1e-12);
+    const int texels = axis == 0 ? estimate.recommended.width : estimate.recommended.height;
+    crop[axis] = (rows[axis] - estimate.crop_min[axis] * rows[2]) * (texels / extent);
+  }
+  estimate.projection = {glm::transpose(crop), estimate.recommended};
+  estimate.clip_from_world =
+      ClipFromWorld(ray_space, estimate.projection, estimate.depth_range, request.output_clip_depth);
+  return estimate;
+}
 
 absl::Status ResolutionEstimator::Estimate(const ResolutionRequest& request, const ResolutionOptions& options,
                                            const Cancellation& cancellation, ResolutionSummary* summary) {
@@ -709,67 +1009,24 @@ absl::Status ResolutionEstimator::Estimate(const ResolutionRequest& request, con
   work.histogram = options.histogram || options.percentile < 100.0;
   work.ReduceAll(cancellation);
 
-  const double scale = ScreenScale(request);
+  std::vector<MapEstimate> estimates(work.maps.size());
+  tbb::parallel_for(size_t{0}, request.lights.size(), [&](size_t light) {
+    tbb::parallel_for(work.first_map[light], work.first_map[light + 1], [&](int map) {
+      if (cancellation.Requested()) return;
+      estimates[static_cast<size_t>(map)] =
+          EstimateMap(request, options, work.ray_spaces[light], map, cancellation);
+    });
+  });
   summary->lights.resize(request.lights.size());
   for (size_t i = 0; i < request.lights.size(); ++i) {
     LightEstimate& light = summary->lights[i];
     light.id = request.lights[i].id;
     light.recommended = {LeastSize(options.rounding), LeastSize(options.rounding)};
-    light.maps.clear();
-    for (int map = work.first_map[i]; map < work.first_map[i + 1]; ++map) {
-      if (cancellation.Requested()) break;
-      const PlannedMap& planned = work.maps[static_cast<size_t>(map)];
-      MapEstimate estimate;
-      estimate.recommended = {LeastSize(options.rounding), LeastSize(options.rounding)};
-      work.SettleExtent(map, cancellation);
-      glm::dvec2 low;
-      glm::dvec2 high;
-      work.MeetExtent(map, true, &low, &high);
-      if (low.x <= high.x) {
-        const glm::dvec2 extent = high - low;
-        estimate.crop_min = low;
-        estimate.crop_max = high;
-        estimate.smallest_patch = work.SettleSmallest(map, extent, scale, options.max_size, cancellation);
-        double least_along = kInfinity;
-        double most_along = -kInfinity;
-        for (int tile = 0; tile < work.tile_count(); ++tile) {
-          const TileBound& bound = work.BoundOf(map, tile);
-          estimate.pixels += bound.pixels;
-          least_along = std::min(least_along, bound.least_along);
-          most_along = std::max(most_along, bound.most_along);
-        }
-        int size[2];
-        for (int axis = 0; axis < 2; ++axis) {
-          double& needed = estimate.needed[axis];
-          needed = NeededTexels(extent[axis], estimate.smallest_patch[axis], scale);
-          if (options.percentile < 100.0) {
-            needed = std::min(
-                needed, PercentileNeed(work.HistogramOf(map, axis), options.percentile, extent[axis], scale));
-          }
-          size[axis] = RoundedSize(needed, options.rounding, options.max_size);
-          estimate.limited = estimate.limited || size[axis] < std::ceil(needed - kTexelTolerance);
-        }
-        estimate.recommended = {size[0], size[1]};
-        if (options.histogram) {
-          estimate.histogram_x = Bins(work.HistogramOf(map, 0), extent.x, scale);
-          estimate.histogram_y = Bins(work.HistogramOf(map, 1), extent.y, scale);
-        }
-        estimate.depth_range = RangeOf(work.ray_spaces[i], least_along, most_along);
-      }
-      // The crop as rows: u = (x - low) / (high - low) * size.
-      const glm::dmat3 rows = glm::transpose(planned.map.picture_from_ray);
-      glm::dmat3 crop = rows;
-      for (int axis = 0; axis < 2; ++axis) {
-        const double extent = std::max(estimate.crop_max[axis] - estimate.crop_min[axis], 1e-12);
-        const int texels = axis == 0 ? estimate.recommended.width : estimate.recommended.height;
-        crop[axis] = (rows[axis] - estimate.crop_min[axis] * rows[2]) * (texels / extent);
-      }
-      estimate.projection = {glm::transpose(crop), estimate.recommended};
-      estimate.clip_from_world = ClipFromWorld(work.ray_spaces[i], estimate.projection, estimate.depth_range,
-                                               request.output_clip_depth);
-      light.recommended.width = std::max(light.recommended.width, estimate.recommended.width);
-      light.recommended.height = std::max(light.recommended.height, estimate.recommended.height);
-      light.maps.push_back(std::move(estimate));
+    light.maps.assign(std::make_move_iterator(estimates.begin() + work.first_map[i]),
+                      std::make_move_iterator(estimates.begin() + work.first_map[i + 1]));
+    for (const MapEstimate& map : light.maps) {
+      light.recommended.width = std::max(light.recommended.width, map.recommended.width);
+      light.recommended.height = std::max(light.recommended.height, map.recommended.height);
     }
   }
   if (cancellation.Requested()) {
@@ -779,6 +1036,8 @@ absl::Status ResolutionEstimator::Estimate(const ResolutionRequest& request, con
   }
   summary->tiles = static_cast<int>(work.bounds.size());
   summary->settled_tiles = work.settled;
+  summary->visited_share = static_cast<double>(work.visits) /
+                           (static_cast<double>(work.maps.size()) * work.depth.width * work.depth.height);
   summary->seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return absl::OkStatus();
 }

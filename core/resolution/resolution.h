@@ -104,6 +104,9 @@ struct ResolutionSummary {
   double seconds = 0.0;
   int tiles = 0;          ///< Pieces of the picture times maps.
   int settled_tiles = 0;  ///< Of these, how many were computed in double precision.
+  /// Pixels that were projected one by one, as a share of the picture's times maps. Of the others, what they
+  /// have in common with their neighbours tells enough.
+  double visited_share = 0.0;
 };
 
 /// Keeps its working memory between calls: use one estimator a stream, from one thread at a time. The
@@ -124,6 +127,12 @@ class ResolutionEstimator {
 
  private:
   struct Workspace;
+  class Settler;
+
+  /// Settles what the tiles of one map left open.
+  MapEstimate EstimateMap(const ResolutionRequest& request, const ResolutionOptions& options,
+                          const RaySpace& ray_space, int map, const Cancellation& cancellation);
+
   std::unique_ptr<Workspace> workspace_;
 };
 

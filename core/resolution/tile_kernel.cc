@@ -55,45 +55,37 @@ class TilePreparer {
     const V lowest = hn::Set(d_, T{tile_.lowest});
     const V highest = hn::Set(d_, T{tile_.highest});
     const V nan = hn::Set(d_, kNotASample);
-    const V above = hn::Set(d_, T{2});
-    const V below = hn::Set(d_, T{-2});
-    V least = above;
-    V most = below;
-    T least_single = 2;
-    T most_single = -2;
-    const int first = tile_.x0 > 0 ? -1 : 0;
-    const int last = tile_.x0 + tile_.width < depth.width ? tile_.width : tile_.width - 1;
+    const int first = tile_.x0 + tile_.begin > 0 ? tile_.begin - 1 : tile_.begin;
+    const int last = tile_.x0 + tile_.end < depth.width ? tile_.end : tile_.end - 1;
     const int bottom = tile_.y0 > 0 ? -1 : 0;
     const int top = tile_.y0 + tile_.height < depth.height ? tile_.height : tile_.height - 1;
     for (int j = bottom; j <= top; ++j) {
       const float* from = depth.Row(tile_.y0 + j) + tile_.x0;
       T* row = PixelRow(j) + 1;
-      for (int i = tile_.width; i < kStride - 1; i += lanes_) {
+      // What whole vectors of corners read beyond the last.
+      for (int i = tile_.end; i <= tile_.end + lanes_; i += lanes_) {
         hn::StoreU(nan, d_, row + std::min(i, kStride - 1 - lanes_));
       }
-      int i = first;
-      for (; i + lanes_ <= last + 1; i += lanes_) {
-        const V z = LoadDepth(d_, from + i);
-        const auto sample = hn::And(hn::Ge(z, lowest), hn::Le(z, highest));
-        const V local = hn::Sub(z, reference_v);
-        least = hn::Min(least, hn::IfThenElse(sample, local, above));
-        most = hn::Max(most, hn::IfThenElse(sample, local, below));
-        hn::StoreU(hn::IfThenElse(sample, local, nan), d_, row + i);
+      if (last + 1 - first >= lanes_) {
+        for (int i = first; i <= last; i += lanes_) {
+          const int at = std::min(i, last + 1 - lanes_);  // The last vector may overlap the one before.
+          const V z = LoadDepth(d_, from + at);
+          const auto sample = hn::And(hn::Ge(z, lowest), hn::Le(z, highest));
+          hn::StoreU(hn::IfThenElse(sample, hn::Sub(z, reference_v), nan), d_, row + at);
+        }
+      } else {
+        for (int i = first; i <= last; ++i) {
+          const bool sample = from[i] >= tile_.lowest && from[i] <= tile_.highest;
+          row[i] = sample ? static_cast<T>(from[i]) - reference : kNotASample;
+        }
       }
-      for (; i <= last; ++i) {
-        const bool sample = from[i] >= tile_.lowest && from[i] <= tile_.highest;
-        row[i] = sample ? static_cast<T>(from[i]) - reference : kNotASample;
-        if (!sample) continue;
-        least_single = std::min(least_single, row[i]);
-        most_single = std::max(most_single, row[i]);
+      if (first == tile_.begin) {
+        row[first - 1] = depth.width > 1 ? Extrapolate(row[first], row[first + 1]) : kNotASample;
       }
-      if (first == 0) row[-1] = depth.width > 1 ? Extrapolate(row[0], row[1]) : kNotASample;
-      if (last < tile_.width) {
-        row[tile_.width] = depth.width > 1 ? Extrapolate(row[last], row[last - 1]) : kNotASample;
+      if (last < tile_.end) {
+        row[tile_.end] = depth.width > 1 ? Extrapolate(row[last], row[last - 1]) : kNotASample;
       }
     }
-    depths_.least = std::min(least_single, hn::GetLane(hn::MinOfLanes(d_, least)));
-    depths_.most = std::max(most_single, hn::GetLane(hn::MaxOfLanes(d_, most)));
     if (bottom == 0) ExtrapolateRow(-1, 0, 1);
     if (top < tile_.height) ExtrapolateRow(tile_.height, top, top - 1);
   }
@@ -107,7 +99,7 @@ class TilePreparer {
   }
   void ExtrapolateRow(int row, int near, int next) {
     const bool possible = tile_.depth.height > 1;
-    for (int i = 0; i < kStride; ++i) {
+    for (int i = tile_.begin; i <= tile_.end + 1; ++i) {
       PixelRow(row)[i] = possible ? Extrapolate(PixelRow(near)[i], PixelRow(next)[i]) : kNotASample;
     }
   }
@@ -119,7 +111,7 @@ class TilePreparer {
     for (int j = 0; j <= tile_.height; ++j) {
       const T* below = PixelRow(j - 1);
       const T* above = PixelRow(j);
-      for (int i = 0; i <= tile_.width; i += lanes_) {
+      for (int i = tile_.begin; i <= tile_.end; i += lanes_) {
         const V z00 = hn::LoadU(d_, below + i), z10 = hn::LoadU(d_, below + i + 1);
         const V z01 = hn::LoadU(d_, above + i), z11 = hn::LoadU(d_, above + i + 1);
         const V sum = hn::Add(hn::Add(z00, z10), hn::Add(z01, z11));
@@ -198,8 +190,8 @@ class TileReducer {
     const V zero = hn::Zero(d_);
     const double centre_x = 0.5 * tile_.width;
     const double centre_y = 0.5 * tile_.height;
-    const V first_corner = hn::Add(hn::Iota(d_, T{0}), Set(-centre_x));
-    const V first_pixel = hn::Add(hn::Iota(d_, T{0}), Set(0.5 - centre_x));
+    const V first_corner = hn::Add(hn::Iota(d_, T{0}), Set(tile_.begin - centre_x));
+    const V first_pixel = hn::Add(hn::Iota(d_, T{0}), Set(tile_.begin + 0.5 - centre_x));
     const V step = Set(lanes_);
 
     V min_x = infinity, min_y = infinity, max_x = hn::Neg(infinity), max_y = hn::Neg(infinity);
@@ -217,7 +209,7 @@ class TileReducer {
         const V w_row = Shared(map.w, j - centre_y);
         const T* z_row = depths_.corners + j * kStride;
         V lx = first_corner;
-        for (int i = 0; i <= tile_.width; i += lanes_, lx = hn::Add(lx, step)) {
+        for (int i = tile_.begin; i <= tile_.end; i += lanes_, lx = hn::Add(lx, step)) {
           const V z = hn::Load(d_, z_row + i);
           const V w = hn::MulAdd(wz, z, hn::MulAdd(wl, lx, w_row));
           const V x = hn::MulAdd(xz, z, hn::MulAdd(xl, lx, x_row));
@@ -239,7 +231,7 @@ class TileReducer {
       [[maybe_unused]] const V a_row = Shared(map.along, j - 0.5 - centre_y);
       const T* z_row = depths_.pixels + j * kStride + 1;
       V lx = first_pixel;
-      for (int i = 0; i < tile_.width; i += lanes_, lx = hn::Add(lx, step)) {
+      for (int i = tile_.begin; i < tile_.end; i += lanes_, lx = hn::Add(lx, step)) {
         const V x00 = hn::Load(d_, below_x + i), x10 = hn::LoadU(d_, below_x + i + 1);
         const V x01 = hn::Load(d_, corner_x + i), x11 = hn::LoadU(d_, corner_x + i + 1);
         const V y00 = hn::Load(d_, below_y + i), y10 = hn::LoadU(d_, below_y + i + 1);
@@ -276,8 +268,8 @@ class TileReducer {
             takes_part = hn::And(takes_part, hn::Gt(along_axis, zero));
           }
         }
-        if (HWY_UNLIKELY(i + lanes_ > tile_.width)) {
-          takes_part = hn::And(takes_part, hn::FirstN(d_, static_cast<size_t>(tile_.width - i)));
+        if (HWY_UNLIKELY(i + lanes_ > tile_.end)) {
+          takes_part = hn::And(takes_part, hn::FirstN(d_, static_cast<size_t>(tile_.end - i)));
         }
 
         smallest_x = hn::Min(smallest_x, hn::IfThenElse(takes_part, width, infinity));

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "core/frame/images.h"
 
@@ -9,6 +11,9 @@ namespace shadowfit::resolution {
 /// A tile's pixels share one local coordinate system, small enough that float arithmetic in it is accurate.
 inline constexpr int kTileWidth = 256;
 inline constexpr int kTileHeight = 8;
+
+/// No vector of floats is wider.
+inline constexpr int kColumnStep = 32;
 
 /// Bins of the histograms of pixel box sizes: 32 an octave, by the leading bits of a positive float.
 inline constexpr int kHistogramShift = 18;
@@ -19,6 +24,7 @@ struct Tile {
   DepthView depth;
   int x0 = 0, y0 = 0;            ///< First pixel.
   int width = 0, height = 0;     ///< At most kTileWidth x kTileHeight.
+  int begin = 0, end = 0;        ///< Columns to look at; `begin` is a multiple of kColumnStep.
   float lowest = 0.0F;           ///< A pixel is a sample where lowest <= depth <= highest.
   float highest = 1.0F;          ///< NaN compares false and so is none.
   float reference_depth = 0.0F;  ///< Origin of local depth; best near the samples' own.
@@ -27,7 +33,8 @@ struct Tile {
 /// Room for one more pixel on every side of a tile, and for whole vectors beyond the last.
 inline constexpr int kTileStride = kTileWidth + 64;
 
-/// A tile's depth relative to its reference depth, shared by all maps. T is float or double.
+/// A tile's depth relative to its reference depth, in the columns to look at, shared by all maps. T is float
+/// or double.
 template <typename T>
 struct TileDepths {
   /// Row j, column i is pixel (i - 1, j - 1) of the tile; NaN where there is no sample. Beyond the picture's
@@ -36,10 +43,6 @@ struct TileDepths {
   /// Row j, column i is the lower left corner of pixel (i, j): the mean of the samples among the four around
   /// it.
   alignas(128) T corners[(kTileHeight + 1) * kTileStride];
-  /// Extremes of the samples in the tile and one pixel around it, within the picture; least > most: there is
-  /// none.
-  double least;
-  double most;
 };
 
 /// One light map's projection in a tile's local coordinates: lx, ly in pixels from the tile's centre, lz =
@@ -64,13 +67,26 @@ struct TileMap {
 /// centre is inside, and all four corners have w > 0. Its box is the bounding box of the corners in picture
 /// coordinates. The infinities stand where no pixel takes part.
 struct TileExtent {
-  double min[2];  ///< Bounds of the boxes and of the centres. In float, infinite
-  ///< where the map asks for neither square nor cone: the tile is inside as a whole.
-  double max[2];
-  double smallest[2];  ///< Least width and least height of a box.
-  double least_along;  ///< Of the centres' along/w. In double precision alone.
-  double most_along;
+  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  /// Bounds of the boxes and of the centres. In float, infinite where the map asks for neither square nor
+  /// cone: the tile is inside as a whole.
+  double min[2] = {kInfinity, kInfinity};
+  double max[2] = {-kInfinity, -kInfinity};
+  double smallest[2] = {kInfinity, kInfinity};  ///< Least width and least height of a box.
+  double least_along = kInfinity;               ///< Of the centres' along/w. In double precision alone.
+  double most_along = -kInfinity;
   int64_t pixels = 0;
+
+  void Add(const TileExtent& other) {
+    for (int axis = 0; axis < 2; ++axis) {
+      min[axis] = std::min(min[axis], other.min[axis]);
+      max[axis] = std::max(max[axis], other.max[axis]);
+      smallest[axis] = std::min(smallest[axis], other.smallest[axis]);
+    }
+    least_along = std::min(least_along, other.least_along);
+    most_along = std::max(most_along, other.most_along);
+    pixels += other.pixels;
+  }
 };
 
 void PrepareTile(const Tile& tile, TileDepths<float>* depths);

@@ -592,6 +592,49 @@ TEST(ResolutionTest, AnyDepthGivesAFiniteAnswer) {
   }
 }
 
+TEST(ResolutionTest, LooksAtFewPixelsOfASmoothPicture) {
+  // A floor to the horizon, below a ball.
+  constexpr int kWidth = 800;
+  constexpr int kHeight = 400;
+  CameraMatrices camera;
+  camera.view_from_world = glm::lookAt(glm::dvec3(0, 2, 0), glm::dvec3(0, 1.5, -5), glm::dvec3(0, 1, 0));
+  camera.clip_from_view = Perspective(0.8, 0.4, 0.1, 100.0, camera.clip_depth);
+  const Camera eye = Camera::Create(camera).value();
+  std::vector<float> pixels;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const glm::dvec4 far =
+          eye.WsFromNdc({-1.0 + (2.0 * x + 1.0) / kWidth, -1.0 + (2.0 * y + 1.0) / kHeight, 1});
+      const glm::dvec3 direction = glm::normalize(glm::dvec3(far) / far.w - glm::dvec3(0, 2, 0));
+      double t = direction.y < -1e-3 ? -2.0 / direction.y : kInf;
+      const double along = glm::dot(glm::dvec3(0.5, -1.0, -6.0), direction);
+      const double inside = along * along - 37.25 + 1.0;
+      if (inside > 0.0) t = std::min(t, along - std::sqrt(inside));
+      pixels.push_back(t < 90.0 ? WindowDepth(camera, glm::dvec3(0, 2, 0) + t * direction) : 1.0F);
+    }
+  }
+  ResolutionRequest request{
+      .camera = camera, .depth = BottomFirst(pixels.data(), kWidth, kHeight), .screen = {}, .lights = {}};
+  request.lights.push_back({.id = 0, .light = DirectionalLight{{0.3, -1.0, 0.2}}, .clip_from_world = {}});
+  request.lights.push_back(
+      {.id = 1, .light = SpotLight{{2, 6, -3}, {-0.3, -1.0, -0.3}, 0.5}, .clip_from_world = {}});
+  const ResolutionSummary summary = Estimate(request, {.max_size = kMaxResolution});
+  EXPECT_LT(summary.visited_share, 0.15);
+  for (size_t l = 0; l < request.lights.size(); ++l) {
+    const RaySpace ray_space = RaySpace::Create(request.lights[l].light).value();
+    const auto maps = resolution::MapsOfLight(request.lights[l].light, ray_space, eye, {}).value();
+    const Expected expected = BruteForce(request).Estimate(request.lights[l], maps[0]);
+    const MapEstimate& found = summary.lights[l].maps[0];
+    EXPECT_EQ(found.recommended.width,
+              ExpectedSize(expected.high.x - expected.low.x, expected.smallest.x, kMaxResolution));
+    EXPECT_EQ(found.recommended.height,
+              ExpectedSize(expected.high.y - expected.low.y, expected.smallest.y, kMaxResolution));
+    EXPECT_NEAR(static_cast<double>(found.pixels), static_cast<double>(expected.pixels), 10.0);
+  }
+  const ResolutionSummary all = Estimate(request, {.percentile = 99.0});
+  EXPECT_GT(all.visited_share, summary.visited_share);
+}
+
 TEST(ResolutionTest, BackgroundAloneNeedsTheSmallestMap) {
   const std::vector<float> pixels(64, 1.0F);
   ResolutionRequest request{
