@@ -811,9 +811,11 @@ class ResolutionEstimator::Settler {
     const glm::dvec2 extent = certain_.high - certain_.low;
     glm::dvec2 threshold;
     for (int axis = 0; axis < 2; ++axis) {
-      const int texels = RoundedSize(NeededTexels(extent[axis], certain_.smallest[axis], scale),
-                                     SizeRounding::kExact, max_size);
-      threshold[axis] = texels >= max_size ? 0.0 : extent[axis] * scale / (texels + kTexelTolerance);
+      const double need = NeededTexels(extent[axis], certain_.smallest[axis], scale);
+      const int texels = RoundedSize(need, SizeRounding::kExact, max_size);
+      // No pixel left may need more than this.
+      const double most = texels < max_size ? texels + kTexelTolerance : need * (1.0 + kNeedTolerance);
+      threshold[axis] = extent[axis] * scale / most;
     }
     ListBelow(threshold, [](const TileBound&) { return true; });
     SettleListed(BoxesBelow(threshold));

@@ -76,6 +76,7 @@ struct MapEstimate {
   glm::dvec2 crop_max{1.0};
   glm::dvec2 smallest_patch{0.0};  ///< Least width and least height of a patch, in the same coordinates.
   /// Width and height that satisfy the percentile, before limit and rounding. Finite: at most kNeedCeiling.
+  /// Exact within the limit to kTexelTolerance; beyond it, short of the truth by no more than kNeedTolerance.
   glm::dvec2 needed{0.0};
   MapSize recommended;   ///< `needed`, limited and rounded.
   bool limited = false;  ///< The limit took something away.
@@ -89,6 +90,7 @@ struct MapEstimate {
 };
 
 inline constexpr double kNeedCeiling = 1e12;
+inline constexpr double kNeedTolerance = 1e-3;  ///< Relative.
 
 struct LightEstimate {
   uint32_t id = 0;

@@ -369,6 +369,11 @@ TEST(ResolutionTest, EqualsBruteForceToTheTexelOnAThousandRandomFrames) {
         for (int axis = 0; axis < 2; ++axis) {
           EXPECT_NEAR(found.crop_min[axis], expected.low[axis], 1e-9 * (1.0 + extent[axis]));
           EXPECT_NEAR(found.crop_max[axis], expected.high[axis], 1e-9 * (1.0 + extent[axis]));
+          // What is needed is told beyond the limit, too, if less exactly.
+          const double needed = extent[axis] / expected.smallest[axis];
+          if (!(extent[axis] > 0.0) || needed > 1e7) continue;
+          EXPECT_LE(found.needed[axis], needed * (1.0 + 1e-8));
+          EXPECT_GE(found.needed[axis] * (1.0 + kNeedTolerance) + kTexelTolerance, needed);
         }
         EXPECT_NEAR(static_cast<double>(found.pixels), static_cast<double>(expected.pixels),
                     2.0 + 0.01 * static_cast<double>(expected.pixels));
