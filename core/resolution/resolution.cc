@@ -694,26 +694,36 @@ void ResolutionEstimator::Workspace::ReduceTile(int index) {
     } else {
       PlacedBlocks view;
       PlaceBlocks(planned, placed, tile, common, &view);
-      if (view.edge != 0) {
-        extent = in_double ? ReduceBlocks<double>(tile, view.edge, placed.map)
-                           : ReduceBlocks<float>(tile, view.edge, placed.map);
-        CountVisits(tile, view.edge);
-      }
+      const auto measure = [&](BlockMask mask) {
+        CountVisits(tile, mask);
+        return in_double ? ReduceBlocks<double>(tile, mask, placed.map)
+                         : ReduceBlocks<float>(tile, mask, placed.map);
+      };
+      if (view.edge != 0) extent = measure(view.edge);
       bound.open = view.inside | (extent.pixels > 0 ? view.edge : 0);
-      bound.unmeasured = view.inside;
+      BlockMask unknown = 0;  // Any of these may hold the smallest box.
       for (int block = 0; block < kBlocks; ++block) {
-        if ((view.inside >> block & 1) == 0) continue;
+        const BlockMask bit = BlockMask{1} << block;
+        if ((view.inside & bit) == 0) continue;
+        const Extremes& bounds = view.bounds[block];
         bound.pixels += common.samples[block];
-        bound.outer.Add(view.bounds[block]);
+        const bool is_known = bounds.smallest.x > 0.0 && bounds.smallest.y > 0.0;
+        if (!is_known) unknown |= bit;
+        bound.outer.Add({bounds.low, bounds.high, is_known ? bounds.smallest : glm::dvec2(kInfinity)});
         for (int axis = 0; axis < 2; ++axis) {
-          const double least = view.bounds[block].smallest[axis];
+          const double least = bounds.smallest[axis];
           if (least > 0.0) bound.promise[axis] = std::min(bound.promise[axis], least);
         }
+      }
+      bound.unmeasured = view.inside & ~unknown;
+      if (unknown != 0) {
+        bound.measured = BoundsFrom(planned, placed, measure(unknown), in_double).smallest;
+        bound.outer.smallest = glm::min(bound.outer.smallest, bound.measured);
       }
     }
     const Extremes measured = BoundsFrom(planned, placed, extent, in_double);
     bound.outer.Add(measured);
-    bound.measured = measured.smallest;
+    bound.measured = glm::min(bound.measured, measured.smallest);
     bound.pixels += extent.pixels;
     bound.least_along = placed.least_along;
     bound.most_along = placed.most_along;
@@ -804,7 +814,6 @@ class ResolutionEstimator::Settler {
   /// would need more texels than are certain.
   void SettleSmallest(double scale, int max_size) {
     SettleLeast([](const TileBound& bound) { return bound.promise; });
-    MeasureBelow(glm::dvec2(std::numeric_limits<double>::min()));
     SettleLeast([](const TileBound& bound) { return bound.measured; });
     MeasureBelow(certain_.smallest);
     SettleLeast([](const TileBound& bound) { return bound.outer.smallest; });
@@ -882,10 +891,12 @@ class ResolutionEstimator::Settler {
     for (int block = 0; block < kBlocks; ++block) {
       const BlockMask bit = BlockMask{1} << block;
       if ((bound.open & bit) == 0) continue;
-      if (view.bounds[block].MayExtend(known)) {
+      Extremes bounds = view.bounds[block];
+      if ((bound.unmeasured & bit) == 0) bounds.smallest = glm::max(bounds.smallest, bound.measured);
+      if (bounds.MayExtend(known)) {
         wanted |= bit;
       } else {
-        bound.outer.Add(view.bounds[block]);
+        bound.outer.Add(bounds);
       }
     }
     bound.open &= ~wanted;
