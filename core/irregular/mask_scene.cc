@@ -10,7 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
-#include "core/irregular/mask_kernels.h"
+#include "core/irregular/mask_types.h"
 
 namespace shadowfit {
 namespace {

@@ -6,11 +6,12 @@
 namespace shadowfit::irregular {
 namespace {
 
-/// A row is as high as a packet of samples is wide where samples are evenly spread, and its columns are
-/// narrower by this factor: a run of columns then overshoots a small triangle by little.
-constexpr double kColumnsPerPacket = 2.0;
-/// Bounds the table of cells, which every thread counts into, to a share of the second-level cache.
-constexpr double kMostRows = 256.0;
+/// Where samples are evenly spread a row is as high as so many of them ...
+constexpr double kRowHeight = 6.0;
+/// ... and a cell holds so many: a run of cells then overshoots a small triangle by little.
+constexpr double kSamplesOfCell = 4.0;
+constexpr double kMostRows = kRowBins / 4.0;
+constexpr double kMostColumns = 1 << 14;
 
 constexpr uint32_t kBspLeaf = 64;
 
@@ -79,31 +80,22 @@ void BasisAround(const glm::dvec3& axis, const glm::dvec3& second_hint, double r
   }
 }
 
-void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face) {
-  const double wanted_rows =
-      std::clamp(std::sqrt(static_cast<double>(expected_samples) / kPacket), 1.0, kMostRows);
-  const double row_samples = static_cast<double>(expected_samples) / wanted_rows;
-  face->columns = static_cast<int>(
-      std::clamp(row_samples / kPacket * kColumnsPerPacket, 1.0, kColumnsPerPacket * kMostRows));
+void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
+  const double wanted_rows = std::clamp(std::sqrt(samples) / kRowHeight, 1.0, kMostRows);
+  face->columns = static_cast<int>(std::clamp(samples / (wanted_rows * kSamplesOfCell), 1.0, kMostColumns));
 
   // 1. Bins of v, then rows of bins of about equal population.
-  float v_min = std::numeric_limits<float>::infinity(), v_max = -v_min;
-  for (const glm::vec2& p : uv) {
-    v_min = std::min(v_min, p.y);
-    v_max = std::max(v_max, p.y);
-  }
-  if (uv.empty()) v_min = v_max = 0.0f;
-  face->v_origin = v_min;
-  const float height = v_max - v_min;
+  face->v_origin = face->v_min;
+  const float height = face->v_max - face->v_min;
   face->v_scale = height > 0.0f ? std::min(static_cast<float>(kRowBins) / height, 1e30f) : 0.0f;
   face->row_of_bin.assign(kRowBins, 0);
   const auto bin_of = [face](float v) {
     return static_cast<size_t>(std::clamp((v - face->v_origin) * face->v_scale, 0.0f, float{kRowBins - 1}));
   };
   for (const glm::vec2& p : uv) ++face->row_of_bin[bin_of(p.y)];
-  const double quota = std::max(static_cast<double>(uv.size()) / (wanted_rows * kSubrows), 1.0);
+  const double quota = std::max(static_cast<double>(uv.size()) / wanted_rows, 1.0);
   double taken = 0.0;
-  int subrow = 0;
+  int row = 0;
   face->row_v_low.clear();
   face->row_v_high.clear();
   const auto border = [face](int bin) {
@@ -118,28 +110,26 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
     const auto index = static_cast<size_t>(bin);
     const double population = face->row_of_bin[index];
     if (taken > 0.0 && taken + 0.5 * population > quota && face->v_scale > 0.0f) {
-      ++subrow;
+      ++row;
       taken = 0.0;
-      if (subrow % kSubrows == 0) {
-        face->row_v_high.push_back(border(bin).second);
-        face->row_v_low.push_back(border(bin).first);
-      }
+      face->row_v_high.push_back(border(bin).second);
+      face->row_v_low.push_back(border(bin).first);
     }
     taken += population;
-    face->row_of_bin[index] = subrow;
+    face->row_of_bin[index] = row;
   }
   face->row_v_high.push_back(std::numeric_limits<float>::infinity());
-  face->rows = subrow / kSubrows + 1;
+  face->rows = row + 1;
 
   // 2. Each row's range of u, a little wider than its typical samples.
-  const auto padded_rows = static_cast<size_t>(face->rows + kPacket + kMostRowsOfPacket);
+  const auto padded_rows = static_cast<size_t>(face->rows + kPadding);
   std::vector<float>& low = face->row_u_origin;
   std::vector<float>& high = face->row_u_scale;
   low.assign(padded_rows, std::numeric_limits<float>::infinity());
   high.assign(padded_rows, -std::numeric_limits<float>::infinity());
   float u_min = low[0], u_max = high[0];
   for (const glm::vec2& p : uv) {
-    const auto r = static_cast<size_t>(face->row_of_bin[bin_of(p.y)] / kSubrows);
+    const auto r = static_cast<size_t>(face->row_of_bin[bin_of(p.y)]);
     low[r] = std::min(low[r], p.x);
     high[r] = std::max(high[r], p.x);
     u_min = std::min(u_min, p.x);
@@ -155,8 +145,6 @@ void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face
     low[r] -= width / 32.0f;
     high[r] = static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f));
   }
-  face->row_reach.assign(padded_rows, 0.0f);
-  face->most_rows_of_packet = 1;
   face->row_v_low.resize(padded_rows, std::numeric_limits<float>::infinity());
   face->row_v_high.resize(padded_rows, std::numeric_limits<float>::infinity());
 }

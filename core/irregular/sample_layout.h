@@ -4,7 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "core/irregular/mask_kernels.h"
+#include "core/cancellation.h"
+#include "core/irregular/mask_types.h"
 
 namespace shadowfit::irregular {
 
@@ -16,15 +17,14 @@ glm::dvec3 SingleFaceAxis(std::span<const glm::vec3> rays);
 /// should point as far as it can.
 void BasisAround(const glm::dvec3& axis, const glm::dvec3& second_hint, double rotation[3][3]);
 
-/// Plans the cells of a face for about `expected_samples` samples, of which `uv` are typical ones: rows of
-/// about equal population, each with its own range of u. Samples outside what was foreseen go to the
-/// outermost cells. Reuses the face's memory. `first_cell` and the measures of the samples are left alone.
-void PlanFace(std::span<const glm::vec2> uv, size_t expected_samples, Face* face);
+/// Plans the cells of a face for so many samples, of which `uv` are typical ones: rows of about equal
+/// population, each with its own range of u. Samples outside what was foreseen go to the outermost cells. The
+/// measures of the face's samples are given; `first_cell` is left alone. Reuses the face's memory.
+void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face);
 
 /// The paper's BSP: axis-aligned median splits, along the longer side, down to leaves of at most 64 samples.
-/// Reorders `order` (indices into `uvw`: u, v and w of each sample) so that leaves are
-/// contiguous; first_sample and end_sample of the nodes index it.
-/// Once `cancellation` (may be null) asks, nodes are left unsplit.
+/// Reorders `order` (indices into `samples`: u, v and depth) so that leaves are contiguous; first_sample and
+/// end_sample of the nodes index it. Once `cancellation` (may be null) asks, nodes are left unsplit.
 void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, const Cancellation* cancellation,
               std::vector<BspNode>* nodes);
 

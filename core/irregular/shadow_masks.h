@@ -21,9 +21,10 @@ namespace shadowfit {
 /// samples and triangles and not on a map's resolution (Aila and Laine, Alias-Free Shadow Maps, EGSR 2004).
 ///
 /// Samples are brought into the light's ray coordinates r (RaySpace) and sorted into cells of the light's
-/// image plane; triangles are streamed over the cells they cover. A triangle (a,b,c) blocks the sample at r
-/// where r is in the cone of a, b, c (three triple products share a sign) and behind the triangle's plane.
-/// There is no projection in the test and no map orientation, hence no seam, and no triangle needs clipping.
+/// image plane; triangles are streamed over the cells they cover, and tested against the samples there. A
+/// triangle (a,b,c) blocks the sample at r where r is in the cone of a, b, c (three triple products share a
+/// sign) and behind the triangle's plane. There is no projection in the test and no map orientation, hence no
+/// seam, and no triangle needs clipping.
 ///
 /// Accuracy. The outcome may differ from exact arithmetic only
 ///
@@ -46,6 +47,13 @@ enum class MaskMethod {
   kGrid,        ///< "default": rows of cells of about equal population, triangles rasterised over them.
   kBsp,         ///< "bsp": the paper's hierarchy, median splits with leaves of 64 samples. For comparison.
   kExhaustive,  ///< "exhaustive": every triangle against every sample. For tests.
+};
+
+/// How the work is cut; the answer is the same.
+enum class MaskPieces {
+  kAuto,   ///< As the number of triangles suggests.
+  kSmall,  ///< Pieces of the frame whose samples stay in the second-level cache, each rendered by one thread.
+  kFrame,  ///< All of the frame at once, so that each triangle is looked at once. Only for kGrid.
 };
 
 enum class MaskOutput {
@@ -101,18 +109,18 @@ struct MaskRequest {
   DepthPrecision depth_precision = DepthPrecision::kFloat32;
   MaskOutput output = MaskOutput::kBits;
   MaskMethod method = MaskMethod::kGrid;
+  MaskPieces pieces = MaskPieces::kAuto;
   const Cancellation* cancellation = nullptr;
 };
 
-/// Wall-clock milliseconds of each phase.
+/// Milliseconds of each phase, those of all threads together.
 struct MaskTimings {
-  double plan = 0;       ///< Layout of cells, from few samples.
-  double tiles = 0;      ///< Samples to ray coordinates.
-  double scattered = 0;  ///< Sorting of those that are not close to their neighbours.
-  double hierarchy = 0;  ///< Table of cells, or the BSP.
-  double walk = 0;       ///< Triangles over samples.
-  double resolve = 0;    ///< Answers back to pixels.
-  double Total() const { return plan + tiles + scattered + hierarchy + walk + resolve; }
+  double plan = 0;     ///< Of the light, from few samples; and where it sees the casters.
+  double project = 0;  ///< Samples to plane coordinates.
+  double sort = 0;     ///< Into cells, or the BSP.
+  double walk = 0;     ///< Triangles over samples.
+  double resolve = 0;  ///< Answers back to pixels.
+  double Total() const { return plan + project + sort + walk + resolve; }
 };
 
 /// One light's masks of all layers. The memory belongs to the renderer.

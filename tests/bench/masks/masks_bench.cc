@@ -222,9 +222,9 @@ double Run(const BenchScene& bench, const Options& options, int threads, const R
       for (const MaskTimings& t : phases) least = std::min(least, t.*member);
       return least;
     };
-    std::printf("   plan %.2f  tiles %.2f  scattered %.2f  cells %.2f  walk %.2f  resolve %.2f",
-                phase(&MaskTimings::plan), phase(&MaskTimings::tiles), phase(&MaskTimings::scattered),
-                phase(&MaskTimings::hierarchy), phase(&MaskTimings::walk), phase(&MaskTimings::resolve));
+    std::printf("   plan %.2f  project %.2f  sort %.2f  walk %.2f  resolve %.2f", phase(&MaskTimings::plan),
+                phase(&MaskTimings::project), phase(&MaskTimings::sort), phase(&MaskTimings::walk),
+                phase(&MaskTimings::resolve));
   }
   std::printf("\n");
   if (options.phases) {
@@ -235,9 +235,9 @@ double Run(const BenchScene& bench, const Options& options, int threads, const R
     const double pixels = double(bench.width) * bench.height, samples = double(mask.samples);
     const double bytes[4] = {4 * pixels + 16 * samples, 3 * 28 * samples / 16,
                              36 * double(scene->TriangleCount()) + 16 * samples, pixels / 2};
-    double MaskTimings::*const members[4] = {&MaskTimings::tiles, &MaskTimings::hierarchy, &MaskTimings::walk,
+    double MaskTimings::*const members[4] = {&MaskTimings::project, &MaskTimings::sort, &MaskTimings::walk,
                                              &MaskTimings::resolve};
-    const char* const names[4] = {"tiles", "cells", "walk", "resolve"};
+    const char* const names[4] = {"project", "sort", "walk", "resolve"};
     const double operations[4] = {80 * samples, 0, 780 * double(scene->TriangleCount()), 0};
     std::printf("  share of roofline:");
     for (int i = 0; i < 4; ++i) {

@@ -44,7 +44,8 @@ struct Outcome {
   bool operator==(const Outcome&) const = default;
 };
 
-Outcome Render(const Example& example, MaskMethod method = MaskMethod::kGrid, int threads = 0) {
+Outcome Render(const Example& example, MaskMethod method = MaskMethod::kGrid, int threads = 0,
+               MaskPieces pieces = MaskPieces::kAuto) {
   Scene casters;
   if (!example.triangles.empty()) casters = OneMeshScene(example.positions, example.triangles);
   const auto scene = MaskScene::Create(casters);
@@ -56,6 +57,7 @@ Outcome Render(const Example& example, MaskMethod method = MaskMethod::kGrid, in
   request.layers = {&layer, 1};
   request.lights = {&example.light, 1};
   request.method = method;
+  request.pieces = pieces;
   MaskRenderer renderer;
   Outcome outcome;
   const auto render = [&] {
@@ -171,6 +173,7 @@ TEST(MaskProperties, MethodsAndThreadsAgree) {
     const Outcome exhaustive = Render(example, MaskMethod::kExhaustive, 1);
     if (Render(example, MaskMethod::kGrid, 1) != exhaustive) return "default differs from exhaustive";
     if (Render(example, MaskMethod::kGrid, 3) != exhaustive) return "default differs with three threads";
+    if (Render(example, MaskMethod::kGrid, 2, MaskPieces::kFrame) != exhaustive) return "all at once differs";
     if (Render(example, MaskMethod::kBsp, 2) != exhaustive) return "bsp differs from exhaustive";
     return std::nullopt;
   });

@@ -414,19 +414,26 @@ TEST(ShadowMasks, AnyNumberOfThreadsGivesTheSameBits) {
   const std::vector<Light> lights = {PointLight{{2, 1, 8}}, SpotLight{{-3, -3, 9}, {0.3, 0.3, -1}, 0.5},
                                      DirectionalLight{{0.3, 0.2, -1}}};
   std::vector<std::vector<uint8_t>> expected(lights.size());
-  for (const int threads : {1, 2, 3, 7}) {
+  for (const auto& [threads, pieces] : std::vector<std::pair<int, MaskPieces>>{{1, MaskPieces::kSmall},
+                                                                               {2, MaskPieces::kSmall},
+                                                                               {7, MaskPieces::kSmall},
+                                                                               {1, MaskPieces::kFrame},
+                                                                               {3, MaskPieces::kFrame},
+                                                                               {7, MaskPieces::kFrame}}) {
+    const bool first = threads == 1 && pieces == MaskPieces::kSmall;
     tbb::task_arena arena(threads);
     arena.execute([&] {
       MaskRenderer renderer;
       MaskRequest request = RequestFor(*scene, layer, lights[0]);
       request.camera = &view.camera;
       request.lights = lights;
+      request.pieces = pieces;
       const auto masks = renderer.Render(request);
       ASSERT_TRUE(masks.ok()) << masks.status();
       ASSERT_EQ(masks->size(), lights.size());
       for (size_t i = 0; i < lights.size(); ++i) {
         const LightMask& mask = (*masks)[i];
-        if (threads == 1) expected[i].assign(mask.bits.begin(), mask.bits.end());
+        if (first) expected[i].assign(mask.bits.begin(), mask.bits.end());
         EXPECT_TRUE(std::equal(expected[i].begin(), expected[i].end(), mask.bits.begin())) << threads;
         EXPECT_GT(mask.shadowed_samples, mask.samples / 50);
         EXPECT_LT(mask.shadowed_samples, mask.samples);

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "core/cancellation.h"
+#include "core/irregular/aligned_buffer.h"
+#include "core/irregular/light_plan.h"
+#include "core/irregular/mask_scene.h"
+#include "core/irregular/walk_kernels.h"
+
+namespace shadowfit::irregular {
+
+/// Clusters whose blocks are counted from the same place.
+struct CasterSegment {
+  std::span<const MaskScene::Cluster> clusters;
+  const float* geometry = nullptr;
+};
+
+/// Where a light sees the clusters: boxes in the plane coordinates of each face, so that a piece of the
+/// samples finds those that may shadow it quickly.
+class CasterBoxes {
+ public:
+  /// False where memory runs out. Incomplete once `cancellation` (may be null) asks.
+  [[nodiscard]] bool Compute(std::span<const CasterSegment> segments, const LightPlan& plan,
+                             const Cancellation* cancellation);
+
+  /// The boxes as a face sees them; numbered through all segments.
+  BoxArrays Of(int face) const;
+
+  size_t count() const { return count_; }
+  size_t MemoryBytes() const { return values_.MemoryBytes(); }
+
+ private:
+  size_t count_ = 0, stride_ = 0;
+  AlignedBuffer<float> values_;
+};
+
+}  // namespace shadowfit::irregular

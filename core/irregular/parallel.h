@@ -1,0 +1,40 @@
+#pragma once
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <cstddef>
+
+#include "absl/status/status.h"
+#include "core/cancellation.h"
+
+namespace shadowfit::irregular {
+
+/// tbb::parallel_for over [0, count), one index a task, which skips what is left once cancelled.
+template <typename Body>
+void ForEach(size_t count, const Cancellation* cancellation, const Body& body) {
+  tbb::parallel_for(
+      tbb::blocked_range<size_t>(0, count, 1),
+      [&](const tbb::blocked_range<size_t>& range) {
+        for (size_t i = range.begin(); i != range.end(); ++i) {
+          if (cancellation != nullptr && cancellation->Requested()) return;
+          body(i);
+        }
+      },
+      tbb::simple_partitioner());
+}
+
+/// body(begin, end) on pieces of [0, count) that are worth a task.
+template <typename Body>
+void ForEachPiece(size_t count, size_t piece, const Body& body) {
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, count, piece),
+                    [&](const tbb::blocked_range<size_t>& range) { body(range.begin(), range.end()); });
+}
+
+inline absl::Status CancelledStatus(const Cancellation* cancellation) {
+  if (cancellation == nullptr || !cancellation->Requested()) return absl::OkStatus();
+  if (cancellation->DeadlinePassed()) return absl::DeadlineExceededError("masks: the deadline has passed");
+  return absl::CancelledError("masks: cancelled");
+}
+
+}  // namespace shadowfit::irregular

@@ -1,0 +1,550 @@
+#include "core/irregular/sample_kernels.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+// AVX-512, AVX2, and SSE4 for what is older.
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/irregular/sample_kernels.cc"
+#include <hwy/cache_control.h>
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "core/irregular/simd.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::irregular {
+namespace HWY_NAMESPACE {
+
+/// kLanes pixels in homogeneous ray coordinates, in double precision: the quotient cancels digits in
+/// proportion to the ratio of far and near plane, which single precision does not have to spare.
+struct Homogeneous {
+  VD h[4][2];  ///< r W and W, lower and upper half.
+};
+
+/// One strip's pixels of a picture, and `outside` for those beyond it.
+template <typename T>
+HWY_INLINE const T* LoadStrip(const ImageView<T>& image, int x, int y, T outside, T* copy) {
+  const T* from = image.Row(y) + x;
+  if (x + kStrip <= image.width) return from;
+  for (int i = 0; i < kStrip; ++i) copy[i] = x + i < image.width ? from[i] : outside;
+  return copy;
+}
+
+HWY_INLINE Homogeneous FromDepth(const RayFromPixel& m, const double row_base[4], VF z, int x) {
+  Homogeneous out;
+  for (int half = 0; half < 2; ++half) {
+    const VD depth = hn::PromoteTo(dd, half == 0 ? hn::LowerHalf(dh, z) : hn::UpperHalf(dh, z));
+    const VD column = hn::Add(hn::Iota(dd, 0), hn::Set(dd, static_cast<double>(x + half * kLanes / 2)));
+    for (int i = 0; i < 4; ++i) {
+      out.h[i][half] = hn::MulAdd(depth, hn::Set(dd, m.col_z[i]),
+                                  hn::MulAdd(column, hn::Set(dd, m.col_x[i]), hn::Set(dd, row_base[i])));
+    }
+  }
+  return out;
+}
+
+HWY_INLINE Homogeneous FromPositions(const LightFrame& frame, const glm::vec3* positions) {
+  Homogeneous out;
+  VF p[3];
+  hn::LoadInterleaved3(df, &positions->x, p[0], p[1], p[2]);
+  for (int half = 0; half < 2; ++half) {
+    VD d[3];
+    for (int i = 0; i < 3; ++i) {
+      const VD x = hn::PromoteTo(dd, half == 0 ? hn::LowerHalf(dh, p[i]) : hn::UpperHalf(dh, p[i]));
+      d[i] = hn::Sub(x, hn::Set(dd, frame.ws_origin[i]));
+    }
+    for (int row = 0; row < 3; ++row) {
+      const double* m = frame.rotation[row];
+      out.h[row][half] = hn::MulAdd(hn::Set(dd, m[0]), d[0],
+                                    hn::MulAdd(hn::Set(dd, m[1]), d[1], hn::Mul(hn::Set(dd, m[2]), d[2])));
+    }
+    out.h[3][half] = hn::Set(dd, 1.0);
+  }
+  return out;
+}
+
+HWY_INLINE MF FinitePositions(const glm::vec3* positions) {
+  VF p[3];
+  hn::LoadInterleaved3(df, &positions->x, p[0], p[1], p[2]);
+  return hn::Lt(hn::Add(hn::Add(hn::Abs(p[0]), hn::Abs(p[1])), hn::Abs(p[2])), hn::Set(df, 1e17f));
+}
+
+HWY_INLINE MF MaskOfHalves(const hn::Mask<DD> halves[2]) {
+  VH ones[2];
+  for (int half = 0; half < 2; ++half) {
+    ones[half] = hn::DemoteTo(dh, hn::IfThenElseZero(halves[half], hn::Set(dd, 1.0)));
+  }
+  return hn::Gt(CombineHalves(ones), hn::Zero(df));
+}
+
+/// Lanes whose rays leave the cube through this face; ties go to the last axis, and each lane has one face.
+HWY_INLINE MF OnFace(const Face& face, const Homogeneous& p) {
+  hn::Mask<DD> halves[2] = {};
+  for (int half = 0; half < 2; ++half) {
+    VD r[3], a[3];
+    for (int i = 0; i < 3; ++i) {
+      r[i] = hn::Mul(p.h[i][half], hn::CopySign(hn::Set(dd, 1.0), p.h[3][half]));
+      a[i] = hn::Abs(r[i]);
+    }
+    auto on = face.sign > 0.0 ? hn::Gt(r[face.axis], hn::Zero(dd)) : hn::Lt(r[face.axis], hn::Zero(dd));
+    for (int other = 0; other < 3; ++other) {
+      if (other == face.axis) continue;
+      on = hn::And(on, other > face.axis ? hn::Gt(a[face.axis], a[other]) : hn::Ge(a[face.axis], a[other]));
+    }
+    halves[half] = on;
+  }
+  return MaskOfHalves(halves);
+}
+
+HWY_INLINE MF OutsideCone(const LightFrame& frame, const Homogeneous& p) {
+  hn::Mask<DD> halves[2] = {};
+  for (int half = 0; half < 2; ++half) {
+    const VD z = hn::Mul(p.h[2][half], hn::CopySign(hn::Set(dd, 1.0), p.h[3][half]));
+    VD length2 = hn::Zero(dd);
+    for (int i = 0; i < 3; ++i) length2 = hn::MulAdd(p.h[i][half], p.h[i][half], length2);
+    halves[half] = hn::Lt(z, hn::Mul(hn::Set(dd, frame.cos_outer), hn::Sqrt(length2)));
+  }
+  return MaskOfHalves(halves);
+}
+
+struct Projected {
+  VF u, v, depth;
+  VF inverse_w;  ///< One for a directional light.
+};
+
+HWY_INLINE Projected Project(bool directional, const Face& face, const Homogeneous& p) {
+  const VD sign = hn::Set(dd, face.sign);
+  VH u[2], v[2], depth[2];
+  for (int half = 0; half < 2; ++half) {
+    const VD w = hn::Mul(p.h[face.axis][half], sign);
+    const VD inverse = hn::Div(hn::Set(dd, 1.0), directional ? p.h[3][half] : w);
+    u[half] = hn::DemoteTo(dh, hn::Mul(p.h[(face.axis + 1) % 3][half], inverse));
+    v[half] = hn::DemoteTo(dh, hn::Mul(p.h[(face.axis + 2) % 3][half], inverse));
+    depth[half] =
+        hn::DemoteTo(dh, directional ? hn::Mul(w, inverse) : hn::Mul(hn::Neg(p.h[3][half]), inverse));
+  }
+  Projected out;
+  out.u = CombineHalves(u);
+  out.v = CombineHalves(v);
+  out.depth = CombineHalves(depth);
+  out.inverse_w = directional ? hn::Set(df, 1.0f) : hn::Neg(out.depth);
+  return out;
+}
+
+/// A single face holds directions up to 75 degrees off its axis. Directional lights' samples all fit. Also
+/// false where a coordinate is not finite, or so large that squares and cross products would overflow.
+HWY_INLINE MF Fits(bool directional, const Projected& p) {
+  const VF most = hn::Set(df, directional ? 1e17f : 4.0f);
+  const MF plane = hn::And(hn::Le(hn::Abs(p.u), most), hn::Le(hn::Abs(p.v), most));
+  return hn::And(plane, directional ? hn::Le(hn::Abs(p.depth), most)
+                                    : hn::And(hn::Ge(p.inverse_w, hn::Set(df, 1e-17f)),
+                                              hn::Lt(p.inverse_w, hn::Set(df, kInfinity))));
+}
+
+/// How far a sample may be from the true surface point, as a share of w (directional: itself). Its depth's
+/// error moves it along its view ray, by d(h/W)/dz = (dh/dz - r dW/dz) / W; to that comes the rounding of the
+/// sample itself, of the triangle's vertices and of the plane's distance: see SetUpBlock.
+HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const Face& face, const Homogeneous& p,
+                      const Projected& at, VF z) {
+  const VF one = hn::Set(df, 1.0f);
+  const VF r2 = hn::MulAdd(at.u, at.u, hn::Mul(at.v, at.v));
+  const VF third = directional ? at.depth : one;
+  VF error = hn::Mul(hn::Sqrt(hn::MulAdd(third, third, r2)), hn::Set(df, 16.0f * kUnitRoundoff));
+  error = hn::MulAdd(at.inverse_w, hn::Set(df, layer.origin_error), error);
+  if (layer.ws_positions.bottom_row != nullptr) return error;
+  const VF r[3] = {at.u, at.v, third};
+  const double* col_z = layer.ray_from_pixel.col_z;
+  const VF w_slope = hn::Set(df, static_cast<float>(col_z[3]));
+  VF slope2 = hn::Zero(df);
+  for (int i = 0; i < 3; ++i) {
+    const auto slope = static_cast<float>(col_z[(face.axis + 1 + i) % 3] * (i == 2 ? face.sign : 1.0));
+    const VF s = hn::NegMulAdd(r[i], w_slope, hn::Mul(hn::Set(df, slope), at.inverse_w));
+    slope2 = hn::MulAdd(s, s, slope2);
+  }
+  const VH w[2] = {hn::DemoteTo(dh, p.h[3][0]), hn::DemoteTo(dh, p.h[3][1])};
+  const VF depth_error =
+      hn::MulAdd(z, hn::Set(df, layer.depth_relative_error), hn::Set(df, layer.depth_absolute_error));
+  return hn::MulAdd(hn::Sqrt(slope2), hn::Div(depth_error, hn::Abs(CombineHalves(w))), error);
+}
+
+/// n.(L - X) < 0, with L - X = -rotation^T r; a directional light's rays all run along its third row.
+HWY_INLINE MF FacingAway(const LightFrame& frame, const glm::vec3* normals, const Homogeneous& p) {
+  VF n[3];
+  hn::LoadInterleaved3(df, &normals->x, n[0], n[1], n[2]);
+  VF along = hn::Zero(df);
+  for (int row = frame.directional ? 2 : 0; row < 3; ++row) {
+    VF component = hn::Zero(df);
+    for (int i = 0; i < 3; ++i) {
+      component = hn::MulAdd(n[i], hn::Set(df, static_cast<float>(frame.rotation[row][i])), component);
+    }
+    if (frame.directional) {
+      along = component;
+    } else {
+      VH r[2];
+      for (int half = 0; half < 2; ++half) {
+        r[half] = hn::DemoteTo(dh, hn::Mul(p.h[row][half], hn::CopySign(hn::Set(dd, 1.0), p.h[3][half])));
+      }
+      along = hn::MulAdd(component, CombineHalves(r), along);
+    }
+  }
+  return hn::Gt(along, hn::Zero(df));
+}
+
+HWY_INLINE VI CellOf(const Face& face, VF u, VF v) { return RowCells(face, RowOf(face, v)).At(u); }
+
+/// A strip's pixels that may have samples.
+struct Pixels {
+  const LayerSource* layer;
+  int x, y;
+  const float* depth;  ///< kStrip values, or null
+  const glm::vec3* positions;
+  const glm::vec3* normals;
+  uint32_t known, known_shadow;
+  // What they may have been copied to.
+  alignas(64) float depth_copy[kStrip];
+  alignas(64) glm::vec3 position_copy[kStrip];
+  alignas(64) glm::vec3 normal_copy[kStrip];
+
+  HWY_INLINE Homogeneous At(const LightFrame& frame, const double row_base[4], int i, VF* z) const {
+    if (positions != nullptr) {
+      *z = hn::Zero(df);
+      return FromPositions(frame, positions + i);
+    }
+    *z = hn::LoadU(df, depth + i);
+    return FromDepth(layer->ray_from_pixel, row_base, *z, x + i);
+  }
+};
+
+/// False where the strip shows background or what is known only.
+HWY_INLINE bool ReadStrip(const LayerSource& layer, int strip, int y, Pixels* out) {
+  out->layer = &layer;
+  out->x = strip * kStrip;
+  out->y = y;
+  out->known = out->known_shadow = 0;
+  if (layer.known.bottom_row != nullptr) {
+    const uint8_t* known = layer.known.Row(y) + out->x;
+    for (int i = 0; i < std::min(kStrip, layer.known.width - out->x); ++i) {
+      out->known |= static_cast<uint32_t>(known[i] != 0) << i;
+      out->known_shadow |= static_cast<uint32_t>(known[i] == 2) << i;
+    }
+    if (out->known == 0xFFFFu) return false;
+  }
+  const glm::vec3 none(std::numeric_limits<float>::quiet_NaN());
+  out->normals = layer.ws_normals.bottom_row == nullptr
+                     ? nullptr
+                     : LoadStrip(layer.ws_normals, out->x, y, none, out->normal_copy);
+  out->depth = nullptr;
+  out->positions = nullptr;
+  if (layer.ws_positions.bottom_row != nullptr) {
+    out->positions = LoadStrip(layer.ws_positions, out->x, y, none, out->position_copy);
+    return true;
+  }
+  out->depth = LoadStrip(layer.depth, out->x, y, none.x, out->depth_copy);
+  MF any = NoLanes();
+  for (int i = 0; i < kStrip; i += kLanes) {
+    const VF z = hn::LoadU(df, out->depth + i);
+    any = hn::Or(any, hn::And(hn::Le(z, hn::Set(df, 1.0f)), hn::Ne(z, hn::Set(df, layer.background))));
+  }
+  return !hn::AllFalse(df, any);
+}
+
+struct Extent {
+  VF u_min, v_min, u_max, v_max, farthest;
+
+  Extent() {
+    u_min = v_min = hn::Set(df, kInfinity);
+    u_max = v_max = farthest = hn::Set(df, -kInfinity);
+  }
+
+  HWY_INLINE void Add(const Projected& p, MF lanes) {
+    const VF high = hn::Set(df, kInfinity), low = hn::Set(df, -kInfinity);
+    u_min = hn::Min(u_min, hn::IfThenElse(lanes, p.u, high));
+    v_min = hn::Min(v_min, hn::IfThenElse(lanes, p.v, high));
+    u_max = hn::Max(u_max, hn::IfThenElse(lanes, p.u, low));
+    v_max = hn::Max(v_max, hn::IfThenElse(lanes, p.v, low));
+    farthest = hn::Max(farthest, hn::IfThenElse(lanes, p.depth, low));
+  }
+};
+
+/// Of samples that no face holds: those that are there at all.
+HWY_NOINLINE uint32_t FiniteLanes(const Homogeneous& p, uint32_t bits) {
+  HWY_ALIGN double h[4][kLanes];
+  for (int i = 0; i < 4; ++i) {
+    hn::Store(p.h[i][0], dd, h[i]);
+    hn::Store(p.h[i][1], dd, h[i] + kLanes / 2);
+  }
+  uint32_t finite = 0;
+  for (; bits != 0; bits &= bits - 1) {
+    const int i = std::countr_zero(bits);
+    const double x = h[0][i] / h[3][i], y = h[1][i] / h[3][i], z = h[2][i] / h[3][i];
+    if (x * x + y * y + z * z < 1e34) finite |= 1u << i;
+  }
+  return finite;
+}
+
+void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
+  const LightFrame& frame = *task.frame;
+  const bool single = task.face_count == 1;
+  const Piece& piece = task.piece;
+  Extent extents[6];
+  Pixels pixels;
+  size_t index = lines.begin * static_cast<size_t>(piece.strips());
+  const auto project_strip = [&](const LayerSource& layer, const double* row_base, int strip,
+                                 int y) HWY_ATTR {
+    const bool any = ReadStrip(layer, strip, y, &pixels);
+    counts->known += static_cast<size_t>(std::popcount(pixels.known));
+    counts->samples += static_cast<size_t>(std::popcount(pixels.known));
+    task.facing[index] = static_cast<uint16_t>(pixels.known_shadow);
+    task.present[index] = 0;
+    if (!any) return;
+    uint32_t samples = 0, facing = 0, outside = 0, placed = 0;
+    for (int i = 0; i < kStrip; i += kLanes) {
+      const size_t pixel = index * kStrip + static_cast<size_t>(i);
+      VF z;
+      const Homogeneous p = pixels.At(frame, row_base, i, &z);
+      MF sample;
+      if (pixels.depth != nullptr) {
+        sample = hn::And(hn::And(hn::Ge(z, hn::Zero(df)), hn::Le(z, hn::Set(df, 1.0f))),
+                         hn::Ne(z, hn::Set(df, layer.background)));
+      } else {
+        sample = FinitePositions(pixels.positions + i);
+      }
+      sample = hn::AndNot(LanesOf(pixels.known >> i), sample);
+      MF left = sample;
+      if (frame.has_cone) {
+        const MF out = hn::And(sample, OutsideCone(frame, p));
+        outside |= BitsOf(out) << i;
+        left = hn::AndNot(out, left);
+      }
+      if (pixels.normals != nullptr) {
+        const MF away = hn::And(left, FacingAway(frame, pixels.normals + i, p));
+        facing |= BitsOf(away) << i;
+        left = hn::AndNot(away, left);
+      }
+      VF out[4] = {hn::Zero(df), hn::Zero(df), hn::Zero(df), hn::Zero(df)};
+      VU face_of = hn::Zero(du);
+      for (int f = 0; f < task.face_count; ++f) {
+        const Face& face = task.faces[f];
+        MF on = left;
+        if (!single) {
+          on = hn::And(on, OnFace(face, p));
+          if (hn::AllFalse(df, on)) continue;
+        }
+        const Projected at = Project(frame.directional, face, p);
+        on = hn::And(on, Fits(frame.directional, at));
+        extents[f].Add(at, on);
+        const VF on_face[4] = {at.u, at.v, at.depth, ErrorOf(frame.directional, layer, face, p, at, z)};
+        for (int k = 0; k < 4; ++k) out[k] = single ? on_face[k] : hn::IfThenElse(on, on_face[k], out[k]);
+        if (!single) {
+          face_of = hn::IfThenElse(hn::RebindMask(du, on), hn::Set(du, static_cast<uint32_t>(f)), face_of);
+        }
+        placed |= BitsOf(on) << i;
+        left = hn::AndNot(on, left);
+      }
+      hn::Store(out[0], df, task.samples.u + pixel);
+      hn::Store(out[1], df, task.samples.v + pixel);
+      hn::Store(out[2], df, task.samples.depth + pixel);
+      hn::Store(out[3], df, task.samples.error + pixel);
+      if (!single) hn::Store(face_of, du, task.face_of + pixel);
+      uint32_t here = BitsOf(sample);
+      if (const uint32_t lost = BitsOf(left); lost != 0) {
+        const uint32_t finite = FiniteLanes(p, lost);
+        counts->off_face += static_cast<size_t>(std::popcount(finite));
+        here &= ~lost | finite;
+      }
+      samples |= here << i;
+    }
+    counts->samples += static_cast<size_t>(std::popcount(samples));
+    counts->facing_away += static_cast<size_t>(std::popcount(facing));
+    counts->outside_cone += static_cast<size_t>(std::popcount(outside & samples));
+    task.present[index] = static_cast<uint16_t>(placed);
+    task.facing[index] = static_cast<uint16_t>(pixels.known_shadow | facing);
+  };
+  for (size_t line = lines.begin; line < lines.end; ++line) {
+    const LayerSource& layer = task.layers[line / static_cast<size_t>(piece.rows())];
+    const int y = piece.row_begin + static_cast<int>(line % static_cast<size_t>(piece.rows()));
+    double row_base[4];
+    for (int i = 0; i < 4; ++i)
+      row_base[i] = layer.ray_from_pixel.base[i] + y * layer.ray_from_pixel.col_y[i];
+    for (int strip = piece.strip_begin; strip < piece.strip_end; ++strip, ++index) {
+      project_strip(layer, row_base, strip, y);
+    }
+  }
+  for (int f = 0; f < task.face_count; ++f) {
+    counts->u_min[f] = hn::GetLane(hn::MinOfLanes(df, extents[f].u_min));
+    counts->v_min[f] = hn::GetLane(hn::MinOfLanes(df, extents[f].v_min));
+    counts->u_max[f] = hn::GetLane(hn::MaxOfLanes(df, extents[f].u_max));
+    counts->v_max[f] = hn::GetLane(hn::MaxOfLanes(df, extents[f].v_max));
+    counts->farthest[f] = hn::GetLane(hn::MaxOfLanes(df, extents[f].farthest));
+  }
+}
+
+/// function(i) for the pixels of a strip that are present; most strips are full.
+template <typename Function>
+HWY_INLINE void ForEachPresent(uint32_t present, const Function& function) {
+  if (present == 0xFFFFu) {
+    for (size_t i = 0; i < kStrip; ++i) function(i);
+  } else {
+    for (; present != 0; present &= present - 1) function(static_cast<size_t>(std::countr_zero(present)));
+  }
+}
+
+/// function(strip) for all strips of some lines, in an order in which pixels that are close together follow
+/// each other soon, as their cells do: what is written to stays in the nearest cache.
+template <typename Function>
+HWY_INLINE void ForEachStrip(const PieceTask& task, const Lines& lines, const Function& function) {
+  constexpr size_t kLines = 8, kStrips = 4;
+  const auto strips = static_cast<size_t>(task.piece.strips());
+  for (size_t first = lines.begin; first < lines.end; first += kLines) {
+    const size_t end = std::min(lines.end, first + kLines);
+    for (size_t group = 0; group < strips; group += kStrips) {
+      for (size_t line = first; line < end; ++line) {
+        for (size_t i = group; i < std::min(strips, group + kStrips); ++i) function(line * strips + i);
+      }
+    }
+  }
+}
+
+void BinSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* histogram) {
+  ForEachStrip(task, lines, [&](size_t strip) HWY_ATTR {
+    const uint32_t present = task.present[strip];
+    if (present == 0) return;
+    uint32_t* const place = task.place + strip * kStrip;
+    for (size_t i = 0; i < kStrip; i += kLanes) {
+      const VF u = hn::Load(df, task.samples.u + strip * kStrip + i);
+      const VF v = hn::Load(df, task.samples.v + strip * kStrip + i);
+      VI cell;
+      if (task.face_count == 1) {
+        cell = CellOf(task.faces[0], u, v);
+      } else {
+        const VU face = hn::Load(du, task.face_of + strip * kStrip + i);
+        cell = hn::Zero(di);
+        for (int f = 0; f < task.face_count; ++f) {
+          if (!task.faces[f].HasSamples()) continue;
+          const auto on = hn::Eq(face, hn::Set(du, static_cast<uint32_t>(f)));
+          cell = hn::IfThenElse(hn::RebindMask(di, on), CellOf(task.faces[f], u, v), cell);
+        }
+      }
+      hn::Store(hn::BitCast(du, cell), du, place + i);
+    }
+    ForEachPresent(present, [&](size_t i) HWY_ATTR { ++histogram[place[i]]; });
+  });
+}
+
+void PlaceSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* next, float* sorted) {
+  const SampleArrays& from = task.samples;
+  const hn::FixedTag<float, 4> sample;
+  HWY_ALIGN float samples[4 * kStrip];
+  ForEachStrip(task, lines, [&](size_t strip) HWY_ATTR {
+    const uint32_t present = task.present[strip];
+    if (present == 0) return;
+    const size_t first = strip * kStrip;
+    for (size_t i = 0; i < kStrip; i += kLanes) {
+      hn::StoreInterleaved4(hn::Load(df, from.u + first + i), hn::Load(df, from.v + first + i),
+                            hn::Load(df, from.depth + first + i), hn::Load(df, from.error + first + i), df,
+                            samples + 4 * i);
+    }
+    uint32_t* const place = task.place + first;
+    ForEachPresent(present, [&](size_t i) HWY_ATTR {
+      const uint32_t at = next[place[i]]++;
+      place[i] = at;
+      hn::Store(hn::Load(sample, samples + 4 * i), sample, sorted + size_t{4} * at);
+    });
+  });
+}
+
+void SeparateSamplesImpl(const float* sorted, size_t count, const SampleArrays& samples) {
+  for (size_t i = 0; i < count; i += kLanes) {
+    VF u, v, depth, error;
+    hn::LoadInterleaved4(df, sorted + 4 * i, u, v, depth, error);
+    hn::Store(u, df, samples.u + i);
+    hn::Store(v, df, samples.v + i);
+    hn::Store(depth, df, samples.depth + i);
+    hn::Store(error, df, samples.error + i);
+  }
+}
+
+size_t GatherAnswersImpl(const PieceTask& task, const Lines& lines, const uint32_t* shadow, uint16_t* out) {
+  size_t count = 0;
+  const auto strips = static_cast<size_t>(task.piece.strips());
+  for (size_t strip = lines.begin * strips; strip < lines.end * strips; ++strip) {
+    uint32_t bits = task.facing[strip];
+    const uint32_t present = task.present[strip];
+    if (present != 0) {
+      for (int i = 0; i < kStrip; i += kLanes) {
+        const VU place =
+            hn::IfThenElseZero(hn::RebindMask(du, LanesOf(present >> i)),
+                               hn::Load(du, task.place + strip * kStrip + static_cast<size_t>(i)));
+        const VU words = hn::GatherIndex(du, shadow, hn::BitCast(di, hn::ShiftRight<5>(place)));
+        const VU bit = hn::And(hn::Shr(words, hn::And(place, hn::Set(du, 31))), hn::Set(du, 1));
+        bits |= (BitsOf(hn::RebindMask(df, hn::Ne(bit, hn::Zero(du)))) & (present >> i)) << i;
+      }
+    }
+    out[strip] = static_cast<uint16_t>(bits);
+    count += static_cast<size_t>(std::popcount(bits));
+  }
+  return count;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace shadowfit::irregular
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace shadowfit::irregular {
+
+HWY_EXPORT(ProjectSamplesImpl);
+HWY_EXPORT(BinSamplesImpl);
+HWY_EXPORT(PlaceSamplesImpl);
+HWY_EXPORT(SeparateSamplesImpl);
+HWY_EXPORT(GatherAnswersImpl);
+
+SampleCounts::SampleCounts() {
+  for (int f = 0; f < 6; ++f) {
+    u_min[f] = v_min[f] = std::numeric_limits<float>::infinity();
+    u_max[f] = v_max[f] = farthest[f] = -std::numeric_limits<float>::infinity();
+  }
+}
+
+void SampleCounts::Add(const SampleCounts& other) {
+  samples += other.samples;
+  facing_away += other.facing_away;
+  outside_cone += other.outside_cone;
+  known += other.known;
+  off_face += other.off_face;
+  for (int f = 0; f < 6; ++f) {
+    u_min[f] = std::min(u_min[f], other.u_min[f]);
+    v_min[f] = std::min(v_min[f], other.v_min[f]);
+    u_max[f] = std::max(u_max[f], other.u_max[f]);
+    v_max[f] = std::max(v_max[f], other.v_max[f]);
+    farthest[f] = std::max(farthest[f], other.farthest[f]);
+  }
+}
+
+void ProjectSamples(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
+  HWY_DYNAMIC_DISPATCH(ProjectSamplesImpl)(task, lines, counts);
+}
+
+void BinSamples(const PieceTask& task, const Lines& lines, uint32_t* histogram) {
+  HWY_DYNAMIC_DISPATCH(BinSamplesImpl)(task, lines, histogram);
+}
+
+void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, float* sorted) {
+  HWY_DYNAMIC_DISPATCH(PlaceSamplesImpl)(task, lines, next, sorted);
+}
+
+void SeparateSamples(const float* sorted, size_t count, const SampleArrays& samples) {
+  HWY_DYNAMIC_DISPATCH(SeparateSamplesImpl)(sorted, count, samples);
+}
+
+size_t GatherAnswers(const PieceTask& task, const Lines& lines, const uint32_t* shadow, uint16_t* out) {
+  return HWY_DYNAMIC_DISPATCH(GatherAnswersImpl)(task, lines, shadow, out);
+}
+
+}  // namespace shadowfit::irregular
+#endif  // HWY_ONCE

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/cancellation.h"
+#include "core/irregular/mask_types.h"
+
+/// Triangles over sorted samples: inner loops compiled for several instruction sets.
+namespace shadowfit::irregular {
+
+enum class Search { kGrid, kBsp, kExhaustive };
+
+/// Everything a triangle is tested against: the samples of some rows of a face, and their answers. Arrays of
+/// answers have as many elements as there are samples, and kPadding more.
+struct WalkTask {
+  const LightFrame* frame = nullptr;
+  const Face* face = nullptr;
+  int row_begin = 0, row_end = 0;  ///< Of cells: samples elsewhere are left alone.
+  float v_min = 0, v_max = 0;      ///< Enclose the samples in these rows.
+  Search search = Search::kGrid;
+  const uint32_t* cell_start = nullptr;  ///< Of samples.
+  const std::vector<BspNode>* bsp = nullptr;
+  SampleArrays samples;
+  uint32_t* shadow = nullptr;         ///< Bit per sample: a caster certainly blocks it.
+  uint32_t* touched = nullptr;        ///< Bit per sample: it lies on a caster, within the error bound.
+  uint32_t* touched_twice = nullptr;  ///< Bit per sample: on two.
+  uint32_t* absorbance[3] = {};       ///< Per channel and sample; null where only bits are asked for.
+  int channels = 3;                   ///< One where all casters are grey.
+  const Cancellation* cancellation = nullptr;  ///< Once it asks, what is left is not tested.
+
+  bool Cancelled() const { return cancellation != nullptr && cancellation->Requested(); }
+};
+
+struct CasterBlocks {
+  const float* geometry = nullptr;  ///< count * kBlockFloats
+  const float* uvs = nullptr;       ///< count * 6 * kBlock, or null
+  size_t count = 0;
+  const Caster* caster = nullptr;
+};
+
+/// Boxes in plane coordinates, padded by kPadding.
+struct BoxArrays {
+  const float *u_min, *v_min, *u_max, *v_max, *nearest;
+};
+
+/// Numbers of the boxes [begin, end) that overlap the samples; `out` has room for all of them and
+/// kPadding more. Returns how many there are.
+size_t SelectBoxes(const BoxArrays& boxes, const WalkTask& task, size_t begin, size_t end, uint32_t* out);
+
+/// Tests blocks of triangles.
+void WalkTriangles(const WalkTask& task, const CasterBlocks& blocks);
+
+}  // namespace shadowfit::irregular
