@@ -155,9 +155,10 @@ bool PieceRenderer::SamplePart(const PieceTask& task, Part* part) {
   const auto strips = static_cast<size_t>(task.piece.strips());
   for (size_t strip = lines.begin * strips; strip < lines.end * strips; ++strip) {
     const auto present = static_cast<unsigned>(task.present[strip]);
-    if (present == 0) continue;
-    // One sample of each strip stands for it, or three where there are few strips.
-    for (unsigned i = 0; i < (parts_.size() > 1 ? 3 : 1); ++i) {
+    const bool few = parts_.size() > 1;
+    if (present == 0 || (!few && (strip + strip / strips) % 2 != 0)) continue;
+    // One sample stands for two strips; where few lines are looked at, three for one.
+    for (unsigned i = 0; i < (few ? 3 : 1); ++i) {
       const auto shift = static_cast<unsigned>((strip * 5 + i * 6) % kStrip);
       const unsigned later = present >> shift << shift;
       const size_t pixel =

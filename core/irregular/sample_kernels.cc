@@ -117,14 +117,25 @@ struct Projected {
   VF inverse_w;  ///< One for a directional light.
 };
 
-HWY_INLINE Projected Project(bool directional, const Face& face, const Homogeneous& p) {
-  const VD sign = hn::Set(dd, face.sign);
+/// The axes of a face; those of a single one are known to the compiler.
+template <bool kSingle>
+struct Axes {
+  int w;
+  double sign;
+
+  HWY_INLINE explicit Axes(const Face& face) : w(kSingle ? 2 : face.axis), sign(kSingle ? 1.0 : face.sign) {}
+  int u() const { return kSingle ? 0 : (w + 1) % 3; }
+  int v() const { return kSingle ? 1 : (w + 2) % 3; }
+};
+
+template <bool kSingle>
+HWY_INLINE Projected Project(bool directional, const Axes<kSingle>& axes, const Homogeneous& p) {
   VH u[2], v[2], depth[2];
   for (int half = 0; half < 2; ++half) {
-    const VD w = hn::Mul(p.h[face.axis][half], sign);
+    const VD w = kSingle ? p.h[2][half] : hn::Mul(p.h[axes.w][half], hn::Set(dd, axes.sign));
     const VD inverse = hn::Div(hn::Set(dd, 1.0), directional ? p.h[3][half] : w);
-    u[half] = hn::DemoteTo(dh, hn::Mul(p.h[(face.axis + 1) % 3][half], inverse));
-    v[half] = hn::DemoteTo(dh, hn::Mul(p.h[(face.axis + 2) % 3][half], inverse));
+    u[half] = hn::DemoteTo(dh, hn::Mul(p.h[axes.u()][half], inverse));
+    v[half] = hn::DemoteTo(dh, hn::Mul(p.h[axes.v()][half], inverse));
     depth[half] =
         hn::DemoteTo(dh, directional ? hn::Mul(w, inverse) : hn::Mul(hn::Neg(p.h[3][half]), inverse));
   }
@@ -149,8 +160,9 @@ HWY_INLINE MF Fits(bool directional, const Projected& p) {
 /// How far a sample may be from the true surface point, as a share of w (directional: itself). Its depth's
 /// error moves it along its view ray, by d(h/W)/dz = (dh/dz - r dW/dz) / W; to that comes the rounding of the
 /// sample itself, of the triangle's vertices and of the plane's distance: see SetUpBlock.
-HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const Face& face, const Homogeneous& p,
-                      const Projected& at, VF z) {
+template <bool kSingle>
+HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const Axes<kSingle>& axes,
+                      const Homogeneous& p, const Projected& at, VF z) {
   const VF one = hn::Set(df, 1.0f);
   const VF r2 = hn::MulAdd(at.u, at.u, hn::Mul(at.v, at.v));
   const VF third = directional ? at.depth : one;
@@ -161,9 +173,10 @@ HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const Face& fa
   const double* col_z = layer.ray_from_pixel.col_z;
   const VF w_slope = hn::Set(df, static_cast<float>(col_z[3]));
   VF slope2 = hn::Zero(df);
+  const double slopes[3] = {col_z[axes.u()], col_z[axes.v()], col_z[axes.w] * axes.sign};
   for (int i = 0; i < 3; ++i) {
-    const auto slope = static_cast<float>(col_z[(face.axis + 1 + i) % 3] * (i == 2 ? face.sign : 1.0));
-    const VF s = hn::NegMulAdd(r[i], w_slope, hn::Mul(hn::Set(df, slope), at.inverse_w));
+    const VF s =
+        hn::NegMulAdd(r[i], w_slope, hn::Mul(hn::Set(df, static_cast<float>(slopes[i])), at.inverse_w));
     slope2 = hn::MulAdd(s, s, slope2);
   }
   const VH w[2] = {hn::DemoteTo(dh, p.h[3][0]), hn::DemoteTo(dh, p.h[3][1])};
@@ -287,9 +300,9 @@ HWY_NOINLINE uint32_t FiniteLanes(const Homogeneous& p, uint32_t bits) {
   return finite;
 }
 
-void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
+template <bool kSingle>
+HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
   const LightFrame& frame = *task.frame;
-  const bool single = task.face_count == 1;
   const Piece& piece = task.piece;
   Extent extents[6];
   Pixels pixels;
@@ -328,19 +341,19 @@ void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts*
       }
       VF out[4] = {hn::Zero(df), hn::Zero(df), hn::Zero(df), hn::Zero(df)};
       VU face_of = hn::Zero(du);
-      for (int f = 0; f < task.face_count; ++f) {
-        const Face& face = task.faces[f];
+      for (int f = 0; f < (kSingle ? 1 : 6); ++f) {
+        const Axes<kSingle> axes(task.faces[f]);
         MF on = left;
-        if (!single) {
-          on = hn::And(on, OnFace(face, p));
+        if constexpr (!kSingle) {
+          on = hn::And(on, OnFace(task.faces[f], p));
           if (hn::AllFalse(df, on)) continue;
         }
-        const Projected at = Project(frame.directional, face, p);
+        const Projected at = Project(frame.directional, axes, p);
         on = hn::And(on, Fits(frame.directional, at));
         extents[f].Add(at, on);
-        const VF on_face[4] = {at.u, at.v, at.depth, ErrorOf(frame.directional, layer, face, p, at, z)};
-        for (int k = 0; k < 4; ++k) out[k] = single ? on_face[k] : hn::IfThenElse(on, on_face[k], out[k]);
-        if (!single) {
+        const VF on_face[4] = {at.u, at.v, at.depth, ErrorOf(frame.directional, layer, axes, p, at, z)};
+        for (int k = 0; k < 4; ++k) out[k] = kSingle ? on_face[k] : hn::IfThenElse(on, on_face[k], out[k]);
+        if constexpr (!kSingle) {
           face_of = hn::IfThenElse(hn::RebindMask(du, on), hn::Set(du, static_cast<uint32_t>(f)), face_of);
         }
         placed |= BitsOf(on) << i;
@@ -350,7 +363,7 @@ void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts*
       hn::Store(out[1], df, task.samples.v + pixel);
       hn::Store(out[2], df, task.samples.depth + pixel);
       hn::Store(out[3], df, task.samples.error + pixel);
-      if (!single) hn::Store(face_of, du, task.face_of + pixel);
+      if constexpr (!kSingle) hn::Store(face_of, du, task.face_of + pixel);
       uint32_t here = BitsOf(sample);
       if (const uint32_t lost = BitsOf(left); lost != 0) {
         const uint32_t finite = FiniteLanes(p, lost);
@@ -381,6 +394,14 @@ void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts*
     counts->u_max[f] = hn::GetLane(hn::MaxOfLanes(df, extents[f].u_max));
     counts->v_max[f] = hn::GetLane(hn::MaxOfLanes(df, extents[f].v_max));
     counts->farthest[f] = hn::GetLane(hn::MaxOfLanes(df, extents[f].farthest));
+  }
+}
+
+void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
+  if (task.face_count == 1) {
+    ProjectLines<true>(task, lines, counts);
+  } else {
+    ProjectLines<false>(task, lines, counts);
   }
 }
 

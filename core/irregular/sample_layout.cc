@@ -54,12 +54,27 @@ glm::dvec3 SingleFaceAxis(std::span<const glm::vec3> rays) {
   }
   const double length = glm::length(sum);
   if (!(length > 1e-6 * static_cast<double>(rays.size()))) return glm::dvec3(0.0);
-  const glm::dvec3 axis = sum / length;
-  // 66 degrees; the face itself reaches to 75, which leaves room for what was not among these samples.
-  for (const glm::vec3& r : rays) {
-    if (glm::dot(axis, glm::dvec3(r)) < 0.4 * glm::length(glm::dvec3(r))) return glm::dvec3(0.0);
+  // Towards the middle of the cone around all of them: again and again a step, ever smaller, towards the ray
+  // that is farthest off (Badoiu and Clarkson, Smaller core-sets for balls, SODA 2003).
+  glm::dvec3 axis = sum / length;
+  constexpr int kSteps = 24;
+  for (int step = 1; step <= kSteps; ++step) {
+    double least = 1.0;
+    glm::dvec3 farthest = axis;
+    for (const glm::vec3& ray : rays) {
+      const glm::dvec3 r(ray);
+      const double along = glm::dot(axis, r), length2 = glm::dot(r, r);
+      // Compares along / length without a root for each.
+      const double cosine = along * std::abs(along) / length2;
+      if (cosine < least) least = cosine, farthest = r;
+    }
+    // 66 degrees; the face itself reaches to 75, which leaves room for what was not among these rays. On the
+    // way there is time to stop short of the middle.
+    if (least >= 0.25) return axis;
+    if (step == kSteps) return least >= 0.16 ? axis : glm::dvec3(0.0);
+    axis = glm::normalize(axis + (glm::normalize(farthest) - axis) / static_cast<double>(step + 1));
   }
-  return axis;
+  return glm::dvec3(0.0);
 }
 
 void BasisAround(const glm::dvec3& axis, const glm::dvec3& second_hint, double rotation[3][3]) {
