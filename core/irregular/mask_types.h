@@ -17,7 +17,7 @@ inline constexpr int kBlockFloats = 9 * kBlock;
 /// Arrays that are read by vectors of any width are padded by so many elements.
 inline constexpr int kPadding = 16;
 /// The v axis of a face is cut into this many equal bins, which the layout gathers into rows.
-inline constexpr int kRowBins = 1024;
+inline constexpr int kRowBins = 4096;
 
 /// Half an ulp of 1 in single precision.
 inline constexpr float kUnitRoundoff = 0x1p-24f;

@@ -26,6 +26,8 @@ constexpr size_t kSelected = 1024;
 constexpr size_t kClustersOfPoll = 64;
 /// Of a part of a piece that is shared.
 constexpr size_t kPartPixels = 1 << 15;
+/// Where a piece has several parts, one strip of so many plans its cells.
+constexpr size_t kPlanStep = 16;
 /// Histograms are as large as all cells: no more of them than so many.
 constexpr size_t kMostChunks = 8;
 /// Bands of each thread, enough to balance, few enough for most triangles to lie in one; and the least that a
@@ -141,33 +143,32 @@ PieceTask PieceRenderer::Scratch(const PieceTask& task, const Part& part,
   return with_scratch;
 }
 
-/// Looks at all samples of a part that is alone, and at one line of each of several. False where memory runs
-/// out.
+/// Looks at all samples of a part that is alone, and at some strips of each of several. False where memory
+/// runs out.
 bool PieceRenderer::SamplePart(const PieceTask& task, Part* part) {
   const PieceTask scratch = Scratch(task, *part, &MyScratch());
   if (scratch.samples.u == nullptr) return false;
-  Lines lines = part->lines;
-  if (parts_.size() > 1) {
-    lines.begin = lines.begin + (lines.end - lines.begin) / 2;
-    lines.end = lines.begin + 1;
-  }
-  ProjectSamples(scratch, lines, &part->counts);
+  const bool few = parts_.size() > 1;
+  ProjectSamples(scratch, part->lines, few ? kPlanStep : 1, &part->counts);
   const auto strips = static_cast<size_t>(task.piece.strips());
-  for (size_t strip = lines.begin * strips; strip < lines.end * strips; ++strip) {
-    const auto present = static_cast<unsigned>(task.present[strip]);
-    const bool few = parts_.size() > 1;
-    if (present == 0 || (!few && (strip + strip / strips) % 2 != 0)) continue;
-    // One sample stands for two strips; where few lines are looked at, three for one.
-    for (unsigned i = 0; i < (few ? 3 : 1); ++i) {
-      const auto shift = static_cast<unsigned>((strip * 5 + i * 6) % kStrip);
-      const unsigned later = present >> shift << shift;
-      const size_t pixel =
-          strip * kStrip + static_cast<size_t>(std::countr_zero(later != 0 ? later : present));
-      part->plan.push_back({scratch.samples.u[pixel], scratch.samples.v[pixel],
-                            task.face_count > 1 ? static_cast<int>(scratch.face_of[pixel]) : 0});
-    }
+  const size_t step = few ? kPlanStep : 2;
+  for (size_t line = part->lines.begin; line < part->lines.end; ++line) {
+    for (size_t i = FirstStrip(line, step); i < strips; i += step)
+      PlanStrip(scratch, line * strips + i, few ? 3 : 1, part);
   }
   return true;
+}
+
+void PieceRenderer::PlanStrip(const PieceTask& scratch, size_t strip, unsigned samples, Part* part) {
+  const auto present = static_cast<unsigned>(scratch.present[strip]);
+  if (present == 0) return;
+  for (unsigned i = 0; i < samples; ++i) {
+    const auto shift = static_cast<unsigned>((strip * 5 + i * 6) % kStrip);
+    const unsigned later = present >> shift << shift;
+    const size_t pixel = strip * kStrip + static_cast<size_t>(std::countr_zero(later != 0 ? later : present));
+    part->plan.push_back({scratch.samples.u[pixel], scratch.samples.v[pixel],
+                          scratch.face_count > 1 ? static_cast<int>(scratch.face_of[pixel]) : 0});
+  }
 }
 
 bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool share_work, int channels) {
@@ -271,7 +272,7 @@ bool PieceRenderer::Count(const PieceTask& task, bool share_work, const Cancella
       const PieceTask scratch = Scratch(task, part, &MyScratch());
       if (parts_.size() > 1) {
         part.counts = SampleCounts();
-        ProjectSamples(scratch, part.lines, &part.counts);
+        ProjectSamples(scratch, part.lines, 1, &part.counts);
       }
       BinSamples(scratch, part.lines, histogram);
     }
@@ -328,7 +329,7 @@ bool PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellat
       const Part& part = parts_[p];
       const PieceTask scratch = Scratch(task, part, &MyScratch());
       SampleCounts again;
-      if (parts_.size() > 1) ProjectSamples(scratch, part.lines, &again);
+      if (parts_.size() > 1) ProjectSamples(scratch, part.lines, 1, &again);
       PlaceSamples(scratch, part.lines, next_.data() + i * cells_, sorted_.data());
     }
   });

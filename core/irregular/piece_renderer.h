@@ -93,6 +93,7 @@ class PieceRenderer {
   void CutIntoChunks(bool share_work);
   PieceTask Scratch(const PieceTask& task, const Part& part, AlignedBuffer<float>* values) const;
   bool SamplePart(const PieceTask& task, Part* part);
+  static void PlanStrip(const PieceTask& scratch, size_t strip, unsigned samples, Part* part);
   void SetUpFaces(const LightPlan& plan, const SampleCounts& counts);
   void MeasureFaces(const LightPlan& plan, const SampleCounts& counts);
   bool Count(const PieceTask& task, bool share_work, const Cancellation* cancellation);

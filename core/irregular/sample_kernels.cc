@@ -301,12 +301,12 @@ HWY_NOINLINE uint32_t FiniteLanes(const Homogeneous& p, uint32_t bits) {
 }
 
 template <bool kSingle>
-HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
+HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, size_t step, SampleCounts* counts) {
   const LightFrame& frame = *task.frame;
   const Piece& piece = task.piece;
   Extent extents[6];
   Pixels pixels;
-  size_t index = lines.begin * static_cast<size_t>(piece.strips());
+  size_t index = 0;
   const auto project_strip = [&](const LayerSource& layer, const double* row_base, int strip,
                                  int y) HWY_ATTR {
     const bool any = ReadStrip(layer, strip, y, &pixels);
@@ -384,8 +384,10 @@ HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, SampleCo
     double row_base[4];
     for (int i = 0; i < 4; ++i)
       row_base[i] = layer.ray_from_pixel.base[i] + y * layer.ray_from_pixel.col_y[i];
-    for (int strip = piece.strip_begin; strip < piece.strip_end; ++strip, ++index) {
-      project_strip(layer, row_base, strip, y);
+    const auto strips = static_cast<size_t>(piece.strips());
+    for (size_t strip = FirstStrip(line, step); strip < strips; strip += step) {
+      index = line * strips + strip;
+      project_strip(layer, row_base, piece.strip_begin + static_cast<int>(strip), y);
     }
   }
   for (int f = 0; f < task.face_count; ++f) {
@@ -397,11 +399,11 @@ HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, SampleCo
   }
 }
 
-void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
+void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, size_t step, SampleCounts* counts) {
   if (task.face_count == 1) {
-    ProjectLines<true>(task, lines, counts);
+    ProjectLines<true>(task, lines, step, counts);
   } else {
-    ProjectLines<false>(task, lines, counts);
+    ProjectLines<false>(task, lines, step, counts);
   }
 }
 
@@ -547,8 +549,8 @@ void SampleCounts::Add(const SampleCounts& other) {
   }
 }
 
-void ProjectSamples(const PieceTask& task, const Lines& lines, SampleCounts* counts) {
-  HWY_DYNAMIC_DISPATCH(ProjectSamplesImpl)(task, lines, counts);
+void ProjectSamples(const PieceTask& task, const Lines& lines, size_t step, SampleCounts* counts) {
+  HWY_DYNAMIC_DISPATCH(ProjectSamplesImpl)(task, lines, step, counts);
 }
 
 void BinSamples(const PieceTask& task, const Lines& lines, uint32_t* histogram) {

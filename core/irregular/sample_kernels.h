@@ -81,8 +81,11 @@ struct Lines {
   size_t begin = 0, end = 0;
 };
 
-/// Brings the samples into plane coordinates.
-void ProjectSamples(const PieceTask& task, const Lines& lines, SampleCounts* counts);
+/// Of each line every so many-th strip, from another one on in each.
+inline size_t FirstStrip(size_t line, size_t step) { return line * 5 % step; }
+
+/// Brings the samples of some strips into plane coordinates: of each line the FirstStrip() and every step-th.
+void ProjectSamples(const PieceTask& task, const Lines& lines, size_t step, SampleCounts* counts);
 
 /// Finds the cell of each sample, and counts samples in `histogram` (of cells).
 void BinSamples(const PieceTask& task, const Lines& lines, uint32_t* histogram);
