@@ -19,6 +19,11 @@ constexpr double kRelativeTolerance = 1e-5;
 /// not, that is a depth error, which the counts of artefacts hold, and not the matrix's.
 constexpr double kFacetSlope = 0.2;
 
+/// A facet that rises so little is about as far from the point as the texel's ray meets the plane: casters
+/// farther away than this many times that distance are no facets, however little they rise. Where the light
+/// grazes a plane, all casters do.
+constexpr double kFacetReach = 1.25;
+
 }  // namespace
 
 bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y, uint32_t primitive,
@@ -37,7 +42,10 @@ bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y,
   const double tolerance = kRelativeTolerance * std::max({size.x, size.y, size.z});
   const double height = gap * towards_plane;
   const double distance = glm::length(ws_on_plane - ws_point);
-  return gap > tolerance / glm::length(ray.direction) && height > facet_slope * distance;
+  if (!(gap > tolerance / glm::length(ray.direction))) return false;
+  if (height > facet_slope * distance) return true;
+  const glm::dvec3 ws_caster = ray.origin + map.along_ray[texel] * ray.direction;
+  return glm::length(ws_caster - ws_point) > kFacetReach * distance;
 }
 
 absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const VisibleSurface& surface,

@@ -82,6 +82,22 @@ TEST(ShadowMapTestTest, ATessellatedTroughDoesNotShadowItself) {
   EXPECT_LT(*WrongPixels(truth, view, study, {&map, 1}), study.concerned_pixels / 100);
 }
 
+TEST(ShadowMapTestTest, AGrazedWallIsShadowedByWhatIsFar) {
+  // A wall that the sun grazes at 1.1 degrees, wholly in the shadow of a roof 14 metres and more above: a
+  // texel reaches 10 metres along the wall, over which no facet of a curved wall could hide the sun.
+  Scene scene = SceneOf({}, {});
+  AddQuad(&scene, {-3, 0, 6}, {6, 0, 0}, {0, 0, -6});
+  AddQuad(&scene, {-8, -4, 20}, {16, 0, 0}, {0, 8, 0});
+  const TruthScene truth = *TruthScene::Create(scene);
+  const Camera camera = *Camera::Create(LookAt({0.5, 8, 3}, {0, 0, 3}));
+  const ViewStudy view = ViewStudy::Create(truth, camera, {100, 100}, {64, 64});
+  const LightStudy study = *LightStudy::Create(truth, view, DirectionalLight{{0.0, -0.02, -1.0}});
+  ASSERT_GT(study.shadowed_pixels, 1000);
+  ASSERT_EQ(study.shadowed_pixels, study.concerned_pixels);
+  const ShadowProjection map = CenteredMap(40, 8.0);
+  EXPECT_EQ(*WrongPixels(truth, view, study, {&map, 1}), 0);
+}
+
 TEST(ShadowMapTestTest, WrongPixelsFallWithTheSquareRootOfTheTexels) {
   const Fixture court = MakeCourtyard(300);
   for (const Light& light :
