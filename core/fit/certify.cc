@@ -416,8 +416,11 @@ Cell::Bound Cell::BoundOf(const ShapeBox& box) const {
   // and goes without: m is even in p and in q, so (0, nu) bounds it as (mu, nu) does.
   Dual gamma_1 = GammaAlong(gamma1, at.dx, at.dy, at.d1x, at.d1y);
   Dual gamma_2 = GammaAlong(gamma2, at.dx, at.dy, at.d2x, at.d2y);
-  if (!(gamma_1.value.middle >= gamma_1.value.radius)) gamma_1 = {};
-  if (!(gamma_2.value.middle >= gamma_2.value.radius)) gamma_2 = {};
+  const bool without_1 = !(gamma_1.value.middle >= gamma_1.value.radius);
+  const bool without_2 = !(gamma_2.value.middle >= gamma_2.value.radius);
+  if (without_1 && without_2) return gives_up();
+  if (without_1) gamma_1 = {};
+  if (without_2) gamma_2 = {};
   const Dual factor1 = gamma_1 * at.first;
   const Dual factor2 = gamma_2 * at.second;
 
