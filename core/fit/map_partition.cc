@@ -22,7 +22,8 @@ struct Part {
 };
 
 void Copy(const BoundarySamples& from, size_t i, BoundarySamples* to) {
-  to->Add(from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]}, from.length[i]);
+  to->Add(from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]}, from.length[i],
+          from.inverse_limit[i]);
 }
 
 /// Deals samples out by their rays.
@@ -111,7 +112,7 @@ class Partitioner {
     }
     MapPartition partition = Finish(std::move(parts));
     // Divisions are chosen by quick fits of their parts alone; the maps as they are may not keep the promise.
-    if (single.usable && has_edges && Predict(partition.maps) > Predict({single})) partition.maps = {single};
+    if (single.complete && has_edges && Predict(partition.maps) > Predict({single})) partition.maps = {single};
     return partition;
   }
 

@@ -88,6 +88,7 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
     }
   }
   hull.axis = cone->axis;
+  hull.cos_half_angle = cone->cos_half_angle;
   const ImagePlane plane = ImagePlane::About(hull.axis);
   std::vector<glm::dvec2> projected;
   projected.reserve(normalized.size());

@@ -19,6 +19,8 @@ struct RayHull {
   std::vector<glm::dvec3> vertices;
   /// Unit axis of the smallest cone around the rays: the best-centred valid axis.
   glm::dvec3 axis{0.0, 0.0, 1.0};
+  /// Cosine of that cone's half angle.
+  double cos_half_angle = 1.0;
   /// The centre of the cone that was kept; meaningless where the hull is complete.
   glm::dvec3 reduced_axis{0.0, 0.0, 1.0};
   /// False where the rays span a half space or more, so that no single map holds them: the hull then is that

@@ -48,6 +48,10 @@ class AxisChart {
   const std::vector<glm::dvec2>& hull_;
 };
 
+/// Half angle in radians (80 degrees) of the widest cone that a single map is of use for: at the rim of a map
+/// straight along its axis, texels are 33 times as wide as in its middle.
+constexpr double kWidestHalfAngle = 1.3962634015954636;
+
 struct Candidate {
   glm::dvec2 y{0.0};
   EdgeFit::Result result;
@@ -104,7 +108,7 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
     RayHull tight = MakeRayHull(problem, /*with_footprints=*/false);
     if (tight.complete) hull = std::move(tight);
   }
-  const WhitenedSamples samples = Whiten(problem, hull, options.rough_weight);
+  const WhitenedSamples samples = Whiten(problem, hull);
   const WhitenedSamples probes = Thin(samples, options.search_samples);
   const AxisChart chart(samples.hull);
   EdgeFit search(probes, problem.map_size, options.free_aspect);
@@ -146,7 +150,7 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   fit.complete = hull.complete;
   // Sums of costs stay finite.
   constexpr double kMostCost = 1e60;
-  fit.usable = fit.complete && best.result.cost < kMostCost;
+  fit.usable = fit.complete && best.result.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
   fit.cost = std::min(best.result.cost, kMostCost);
   for (const BoundarySamples* boundary : {&problem.samples->boundary, &problem.samples->rough_boundary}) {
     for (const double length : boundary->length) fit.edge_length += length;
