@@ -30,9 +30,8 @@ std::optional<CertificateRecord> CertifyFit(const ViewStudy& view, const LightSt
   RayHull hull = MakeRayHull(problem, /*with_footprints=*/true);
   if (!hull.complete) hull = MakeRayHull(problem, /*with_footprints=*/false);
   if (!hull.complete) return std::nullopt;
-  const Certificate certificate =
-      Certify(Whiten(problem, hull, options.rough_weight), problem.map_size, options.free_aspect,
-              fit.projection, {tolerance, time_limit}, Cancellation());
+  const Certificate certificate = Certify(Whiten(problem, hull), problem.map_size, options.free_aspect,
+                                          fit.projection, {tolerance, time_limit}, Cancellation());
   return CertificateRecord{
       tolerance,          time_limit, certificate.complete, certificate.LeastGap(), certificate.MostGap(),
       certificate.seconds};

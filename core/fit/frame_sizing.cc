@@ -53,7 +53,7 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   demand.cost = PredictedPixels(light) * std::sqrt(texels);
   if (!std::isfinite(demand.cost)) demand.cost = 0.0;
   for (const double length : samples.boundary.length) demand.unit_pixels += length;
-  for (const double length : samples.rough_boundary.length) demand.unit_pixels += kRoughWeight * length;
+  for (const double length : samples.rough_boundary.length) demand.unit_pixels += length;
   demand.unit_pixels *= kUnsampled * kUnitPixelsPerLength;
   return demand;
 }

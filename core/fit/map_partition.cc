@@ -112,7 +112,8 @@ class Partitioner {
     }
     MapPartition partition = Finish(std::move(parts));
     // Divisions are chosen by quick fits of their parts alone; the maps as they are may not keep the promise.
-    if (single.complete && has_edges && Predict(partition.maps) > Predict({single})) partition.maps = {single};
+    if (single.complete && has_edges && Predict(partition.maps) > Predict({single}))
+      partition.maps = {single};
     return partition;
   }
 

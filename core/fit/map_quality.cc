@@ -28,8 +28,7 @@ const ShadowProjection* MapOf(const glm::dvec3& ray, std::span<const ShadowProje
 }
 
 void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples& samples,
-         std::span<const ShadowProjection> projections, MapSize screen, double weight, double most_pixels,
-         Sums* sums) {
+         std::span<const ShadowProjection> projections, MapSize screen, Sums* sums) {
   const glm::dmat4 clip_rows = glm::transpose(camera.clip_from_world());
   std::vector<glm::dmat3> all_texel_rows;  // Rows of H G without its constant column.
   for (const ShadowProjection& projection : projections) {
@@ -57,11 +56,11 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
     if (!std::isfinite(area) || !(area > 0.0)) continue;
     const double pixels = EdgeMetricOfSample(samples, i, projection.texel_from_ray);
     if (!(pixels > 0.0) || !std::isfinite(pixels)) continue;
-    const double length = weight * samples.length[i];
+    const double length = samples.length[i];
     sums->length += length;
     sums->per_area += length / area;
     sums->root_area += length * std::sqrt(area);
-    sums->predicted += weight * std::min(pixels, most_pixels);
+    sums->predicted += pixels;
   }
 }
 
@@ -129,9 +128,8 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
                       std::span<const ShadowProjection> projections, MapSize screen, double unsampled) {
   MapQuality quality;
   Sums sums;
-  Add(camera, ray_space, samples.boundary, projections, screen, 1.0, 1e300, &sums);
-  Add(camera, ray_space, samples.rough_boundary, projections, screen, kRoughWeight, samples.MostWrongPixels(),
-      &sums);
+  Add(camera, ray_space, samples.boundary, projections, screen, &sums);
+  Add(camera, ray_space, samples.rough_boundary, projections, screen, &sums);
   if (!(sums.length > 0.0)) return quality;
   const double fill = Fill(samples.hull_rays, projections);
   const double root_even = std::sqrt(sums.length / sums.per_area);

@@ -54,9 +54,8 @@ double FrobeniusSum(const BoundarySamples& samples, const glm::dmat3& texel_from
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
-double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray, double most_per_sample) {
+double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
   const DoubleLanes d;
-  const auto most = hn::Set(d, most_per_sample);
   auto sum = hn::Zero(d);
   ForBoundaryLanes(samples.size(), [&](const auto& load) {
     const ScaledJacobians k = JacobiansOf(load, samples, texel_from_ray);
@@ -72,7 +71,8 @@ double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
     const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
     const auto pixels = hn::Mul(hn::Mul(load(samples.length), width), scale);
     const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
-    sum = hn::Add(sum, hn::IfThenElseZero(usable, hn::Min(pixels, most)));
+    const auto counted = hn::Div(pixels, hn::MulAdd(pixels, load(samples.inverse_limit), hn::Set(d, 1.0)));
+    sum = hn::Add(sum, hn::IfThenElseZero(usable, counted));
   });
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
@@ -145,11 +145,12 @@ double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::d
   const double s = std::max(along1, along2);
   const double t = std::min(along1, along2);
   if (!(s > 0.0)) return 0.0;
-  return samples.length[i] * (0.25 * s + t * t / (12.0 * s)) * (h_r.z * h_r.z / std::abs(det));
+  const double pixels = samples.length[i] * (0.25 * s + t * t / (12.0 * s)) * (h_r.z * h_r.z / std::abs(det));
+  return pixels / (1.0 + pixels * samples.inverse_limit[i]);
 }
 
-double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray, double most_per_sample) {
-  return HWY_DYNAMIC_DISPATCH(EdgeSum)(samples, texel_from_ray, most_per_sample);
+double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
+  return HWY_DYNAMIC_DISPATCH(EdgeSum)(samples, texel_from_ray);
 }
 
 }  // namespace shadowfit

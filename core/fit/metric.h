@@ -1,7 +1,6 @@
 #pragma once
 
 #include <glm/glm.hpp>
-#include <limits>
 #include <vector>
 
 #include "core/frame/light_samples.h"
@@ -35,13 +34,12 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 ///
 ///   E|S + T| = s/4 + t^2 / (12 s).
 ///
-/// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  Summed over samples, each times its
-/// length of edge and no more than `most_per_sample`. Samples with h3.r <= 0 or a singular Jacobian are left
-/// out.
-double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray,
-                  double most_per_sample = std::numeric_limits<double>::infinity());
+/// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  Times a sample's length of edge
+/// this is y pixels, of which y / (1 + y / limit) count: about all of them while they are few, and never more
+/// than the sample's limit. Summed over samples; those with h3.r <= 0 or a singular Jacobian are left out.
+double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
 
-/// One sample's part of it, however large; 0 where it is left out.
+/// One sample's part of it; 0 where it is left out.
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
 
 }  // namespace shadowfit

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "core/budget/map_sizing.h"
-#include "core/frame/light_samples.h"
 
 namespace shadowfit {
 
@@ -61,8 +60,6 @@ struct DefaultOptions {
   /// wrong: a new matrix moves all texels at once, which is seen as a flicker along the edges. Finite, at
   /// least 1; or 0: always a new one.
   double keep_within = 1.1;
-  /// Weight of boundary samples beside discontinuities or without reliable derivatives.
-  double rough_weight = kRoughWeight;
   /// Samples that the search looks at; the last steps look at all.
   int search_samples = 512;
   /// Axes on each of the two rings of the first search.

@@ -150,7 +150,8 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   fit.complete = hull.complete;
   // Sums of costs stay finite.
   constexpr double kMostCost = 1e60;
-  fit.usable = fit.complete && best.result.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
+  fit.usable =
+      fit.complete && best.result.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
   fit.cost = std::min(best.result.cost, kMostCost);
   for (const BoundarySamples* boundary : {&problem.samples->boundary, &problem.samples->rough_boundary}) {
     for (const double length : boundary->length) fit.edge_length += length;

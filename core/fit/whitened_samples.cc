@@ -16,10 +16,10 @@
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
 
-/// Appends samples from element `first` on, where the arrays have room for as many and a vector more. Those
-/// whose covector at the axis (0, 0, 1) is longer than `most_length` are shortened to it; all are weighted.
-/// Returns one past the last element.
-size_t AddSamples(const BoundarySamples& samples, double weight, double most_length, size_t first,
+/// Appends samples from element `first` on, where the arrays have room for as many and a vector more;
+/// `pixels_per_length` are the wrong pixels to be expected for a covector at the axis (0, 0, 1), by its
+/// length. Returns one past the last element.
+size_t AddSamples(const BoundarySamples& samples, double pixels_per_length, size_t first,
                   WhitenedSamples* whitened) {
   const DoubleLanes d;
   const hn::Rebind<float, DoubleLanes> df;
@@ -39,10 +39,9 @@ size_t AddSamples(const BoundarySamples& samples, double weight, double most_len
     // The covector at the axis (0, 0, 1) is (E1, E2).
     const Doubles length =
         hn::Mul(hn::Abs(scale), hn::Sqrt(hn::Add(hn::Mul(edge.x, edge.x), hn::Mul(edge.y, edge.y))));
-    const auto most = hn::Set(d, most_length);
-    const Doubles counted =
-        hn::Mul(hn::Mul(scale, hn::Set(d, weight)),
-                hn::IfThenElse(hn::Gt(length, most), hn::Div(most, length), hn::Set(d, 1.0)));
+    const auto excess = hn::MulAdd(hn::Mul(length, hn::Set(d, pixels_per_length)),
+                                   load(samples.inverse_limit), hn::Set(d, 1.0));
+    const Doubles counted = hn::Div(scale, hn::Mul(excess, excess));
     const Doubles3 e{hn::Mul(edge.x, counted), hn::Mul(edge.y, counted), hn::Mul(edge.z, counted)};
     const auto usable = hn::And(hn::Gt(p.z, hn::Zero(d)),
                                 hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
@@ -144,7 +143,7 @@ void PadToLanes(WhitenedSamples* samples) {
 
 }  // namespace
 
-WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double rough_weight) {
+WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull) {
   WhitenedSamples whitened;
   const ImagePlane plane = ImagePlane::About(hull.axis);
   std::vector<glm::dvec2> polygon;
@@ -163,14 +162,13 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double 
 
   const size_t count = problem.samples->boundary.size() + problem.samples->rough_boundary.size();
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(count + kMostDoubles);
-  // Expected misclassified pixels above which a sample counts no more. They are estimated at the axis (0, 0,
-  // 1), where the hull is about as wide as a square of unit second moments, sqrt(12), and a texel `texel` of
-  // that; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's length.
-  const double texel = 1.0 / std::sqrt(problem.map_size.texels());
-  const double most_length = problem.samples->MostWrongPixels() / (0.29 * std::sqrt(12.0) * texel);
+  // At the axis (0, 0, 1) the hull is about as wide as a square of unit second moments, sqrt(12), and a texel
+  // that by the map's width; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's
+  // length.
+  const double pixels_per_length = 0.29 * std::sqrt(12.0 / problem.map_size.texels());
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
-  const size_t reliable = add(problem.samples->boundary, 1.0, most_length, 0, &whitened);
-  const size_t all = add(problem.samples->rough_boundary, rough_weight, most_length, reliable, &whitened);
+  const size_t reliable = add(problem.samples->boundary, pixels_per_length, 0, &whitened);
+  const size_t all = add(problem.samples->rough_boundary, pixels_per_length, reliable, &whitened);
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(all);
   PadToLanes(&whitened);
   return whitened;

@@ -40,11 +40,10 @@ struct WhitenedSamples {
 };
 
 /// Whitens what a hull (not empty) holds of the problem's samples; those outside it, which only an incomplete
-/// hull has, and those seen edge-on by the light, whose covector does not exist, are left out. `rough_weight`
-/// multiplies the samples of rough_boundary. No sample counts for more than about a third of its pixel: where
-/// a share p of a pixel is in shadow at random (leaves), a map that resolves nothing is wrong in 2 p (1 - p)
-/// of it, a third in the mean over p.
-WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull, double rough_weight);
+/// hull has, and those seen edge-on by the light, whose covector does not exist, are left out. A sample with
+/// a limit (BoundarySamples::inverse_limit) counts by the slope of its part of the `edge` metric, (1 + y /
+/// limit)^-2, at about the y that it has for the axis (0, 0, 1).
+WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull);
 
 /// Every k-th sample, k the least that leaves at most `most`, with k times its length. Samples come row by
 /// row over the screen, so that every k-th is an even choice.

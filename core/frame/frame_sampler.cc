@@ -6,8 +6,10 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <utility>
 
+#include "core/frame/edge_pattern.h"
 #include "core/frame/for_lights.h"
 #include "core/frame/pixel_scan.h"
 #include "core/frame/pixel_surfaces.h"
@@ -27,6 +29,19 @@ constexpr double kOrthographicDiscontinuityPixels = 8.0;
 // than rounding: ground under a low sun is seen, and lost as a whole where it does not count.
 constexpr double kGrazingCosine = 0.0005;
 
+// Chance that a crossing (neighbours of different bits) which is no plain one stands for a shadow's edge: its
+// share of wrong pixels to that of plain ones, counted against rays in three scenes. Beside a discontinuity
+// it depends on how many of a sample's neighbours go on with its surface in the same light: a leaf has none,
+// and an object that stands whole in shadow before a lit ground all but one.
+constexpr std::array<double, 4> kChanceBesideDiscontinuity = {0.33, 0.27, 0.18, 0.12};
+// At a terminator, and beside a surface that faces away from the light, whose bit means nothing: where some
+// other neighbour is lit, and where all that is seen of the light's work is shadow.
+constexpr double kChanceAtTerminator = 0.2;
+constexpr double kChanceInTheDark = 0.03;
+
+// Steps between the pixels inside of shadows that the map must hold, too.
+constexpr int kInnerStride = 8;
+
 // Pixels to stand in for a shadow boundary where there is none; more would add time and no information.
 constexpr size_t kMostFallbackSamples = 2048;
 
@@ -42,47 +57,10 @@ Facing FacingOf(double cosine, bool reliable) {
 struct EdgeAtHull {
   size_t hull;
   glm::dvec2 normal;
-  double length;
+  double length;    ///< Of a texture: the sum of its edges' extents along x and y.
+  bool is_texture;  ///< The normal means nothing.
+  double inverse_limit;
 };
-
-/// How a shadow edge runs through a pixel, on the final screen.
-struct EdgeDirection {
-  glm::dvec2 normal;
-  /// Length of edge that the pixel stands for, for each neighbour across the edge. A straight edge of length
-  /// l crosses l (|n1| + |n2|) pairs of neighbours (Cauchy, Crofton); both pixels of a pair are samples, so
-  /// each stands for half of it.
-  double length_per_crossing;
-};
-
-/// The edge through the middle of 3x3 bits (bit 3 row + column of `pattern`): its normal is the dominant
-/// eigenvector of the structure tensor, the sum of g g^T over the four 2x2 quads, with g a quad's bit
-/// gradient. `scale` is final-screen pixels per sample: lengths along the edge stretch with it, its normal
-/// with the inverse.
-EdgeDirection DirectionOf(unsigned pattern, const glm::dvec2& scale) {
-  const auto value = [pattern](int column, int row) {
-    return static_cast<double>((pattern >> (3 * row + column)) & 1u);
-  };
-  double xx = 0.0;
-  double xy = 0.0;
-  double yy = 0.0;
-  for (int row = 0; row < 2; ++row) {
-    for (int column = 0; column < 2; ++column) {
-      const double v00 = value(column, row);
-      const double v10 = value(column + 1, row);
-      const double v01 = value(column, row + 1);
-      const double v11 = value(column + 1, row + 1);
-      const double gx = 0.5 * (v10 + v11 - v00 - v01);
-      const double gy = 0.5 * (v01 + v11 - v00 - v10);
-      xx += gx * gx;
-      xy += gx * gy;
-      yy += gy * gy;
-    }
-  }
-  const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy);
-  const glm::dvec2 normal(std::cos(angle), std::sin(angle));
-  const double stretch = glm::length(glm::dvec2(-normal.y, normal.x) * scale);
-  return {glm::normalize(normal / scale), stretch * 0.5 / (std::abs(normal.x) + std::abs(normal.y))};
-}
 
 /// Working memory of one light at a time.
 struct LightScratch {
@@ -93,6 +71,7 @@ struct LightScratch {
   PixelList hull;                      ///< Active pixels that become hull samples.
   std::vector<EdgeAtHull> edges;
   std::vector<EdgeAtHull> rough_edges;
+  PackedBits bits;
 
   void Clear() {
     concerned.Clear();
@@ -108,25 +87,29 @@ struct FrameSampler::Workspace {
   // Per frame.
   const Camera* camera = nullptr;
   DepthView depth;
-  glm::dvec2 pixels_per_sample{0.0};               ///< Final-screen pixels per low-resolution pixel.
-  std::array<EdgeDirection, 512> edge_directions;  ///< By 3x3 pattern of bits; for pixels_per_sample.
+  glm::dvec2 pixels_per_sample{0.0};  ///< Final-screen pixels per low-resolution pixel.
+  EdgeDirections edge_directions;     ///< For pixels_per_sample.
   BendTolerance tolerance;
   double ndc_per_depth = 1.0;  ///< NDC depth per window depth.
 
   // Per pixel.
   PixelPlanes planes;
   std::vector<int32_t> active_of_pixel;  ///< -1 where there is none.
-  std::vector<int32_t> candidates;
+  /// Every kInnerStride-th of every kInnerStride-th row. The light's picture of a shadow may reach beyond
+  /// that of its outline, where the surface folds and where it surrounds the light.
+  std::vector<int32_t> inner_pixels;
+  std::vector<int32_t> boundary_candidates, candidates;
+  PackedBits visible;
 
   // Per active pixel: one that some light needs.
   std::vector<int32_t> active_pixels;
+  std::vector<uint32_t> active_crossing;  ///< Lights whose bit differs from a visible neighbour's.
   std::vector<uint32_t>
       active_differing;  ///< Lights whose bit differs from a neighbour's on the same surface.
-  std::vector<uint32_t>
-      active_rim;  ///< Lights whose shadow reaches the screen border or a discontinuity here.
-  std::vector<std::array<uint32_t, 4>>
-      active_crossings;  ///< Lights whose bit differs from visible neighbour k's, on whatever surface.
-  std::vector<uint8_t> active_continuous;  ///< Bit k: the surface goes on to neighbour k.
+  /// Lights whose shadow reaches the screen border or a discontinuity here, or that sample its inside here.
+  std::vector<uint32_t> active_rim;
+  std::vector<std::array<uint32_t, 4>> active_crossings;  ///< The same for neighbour k alone.
+  std::vector<uint8_t> active_continuous;                 ///< Bit k: the surface goes on to neighbour k.
   PixelDepths active_depths;
   PixelSurfaces surfaces;
 
@@ -152,6 +135,10 @@ struct FrameSampler::Workspace {
   }
   void AddActive(std::ptrdiff_t i, const std::array<uint32_t, 4>& crossings, uint32_t differing, uint32_t rim,
                  uint8_t continuous);
+  /// Neighbour k of a pixel, where some bit differs from its own: both are active.
+  size_t ActiveNeighbour(size_t active, size_t k) const {
+    return static_cast<size_t>(active_of_pixel[static_cast<size_t>(active_pixels[active] + Neighbours()[k])]);
+  }
   void FindActive();
   void AddAllVisible(size_t stride);
   void UnprojectActive();
@@ -159,7 +146,8 @@ struct FrameSampler::Workspace {
   bool DepthDerivative(int x, int y, int dx, int dy, double* derivative) const;
   /// Fills cosine and facing of the pixels in `concerned`.
   void JudgeFacing(const RaySpace& ray_space, LightScratch* light) const;
-  const EdgeDirection& EdgeAt(std::ptrdiff_t i, uint32_t light_bit) const;
+  /// A light's bits in the window around a pixel.
+  uint32_t BitsAround(std::ptrdiff_t i, const PackedBits& light) const;
   void SampleBoundary(const RaySpace& ray_space, uint32_t light_bit, LightScratch* light,
                       LightSamples* samples) const;
   void SampleAllVisible(const RaySpace& ray_space, LightScratch* light, LightSamples* samples) const;
@@ -177,9 +165,7 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
                          static_cast<double>(screen.height) / height);
   if (scale != pixels_per_sample) {
     pixels_per_sample = scale;
-    for (unsigned pattern = 0; pattern < edge_directions.size(); ++pattern) {
-      edge_directions[pattern] = DirectionOf(pattern, scale);
-    }
+    edge_directions = EdgeDirections(scale);
   }
 
   const ClipDepth convention = frame_camera.clip_depth();
@@ -206,7 +192,15 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
                                           glm::length(glm::dvec3(world_from_clip[2])))};
   }
 
-  planes.Resize(width, height);
+  if (planes.width != width || planes.height != height) {
+    planes.Resize(width, height);
+    inner_pixels.clear();
+    for (int y = kInnerStride / 2; y < height; y += kInnerStride) {
+      for (int x = kInnerStride / 2; x < width; x += kInnerStride) {
+        inner_pixels.push_back(static_cast<int32_t>(planes.Index(x, y)));
+      }
+    }
+  }
   const VisibleDepths visible = ScanDepth(frame_depth, law, &planes);
   const bool reversed = convention == ClipDepth::kReversedZeroToOne;
   extent->visible_pixels = visible.count;
@@ -218,6 +212,7 @@ void FrameSampler::Workspace::Begin(const Camera& frame_camera, const DepthView&
   active_of_pixel.assign(planes.inverse_distance.size(), -1);
   active_pixels.clear();
   active_crossings.clear();
+  active_crossing.clear();
   active_differing.clear();
   active_rim.clear();
   active_continuous.clear();
@@ -228,16 +223,27 @@ void FrameSampler::Workspace::AddActive(std::ptrdiff_t i, const std::array<uint3
   active_of_pixel[static_cast<size_t>(i)] = static_cast<int32_t>(active_pixels.size());
   active_pixels.push_back(static_cast<int32_t>(i));
   active_crossings.push_back(crossings);
+  active_crossing.push_back(crossings[0] | crossings[1] | crossings[2] | crossings[3]);
   active_differing.push_back(differing);
   active_rim.push_back(rim);
   active_continuous.push_back(continuous);
 }
 
 void FrameSampler::Workspace::FindActive() {
-  for (const int32_t i : FindBoundaryCandidates(planes, tolerance, &candidates)) {
+  // All in the order of their places, whichever lights ask for them: a light's samples come in the same order
+  // with other lights and without.
+  const std::span<const int32_t> boundary = FindBoundaryCandidates(planes, tolerance, &boundary_candidates);
+  candidates.clear();
+  std::ranges::set_union(boundary, inner_pixels, std::back_inserter(candidates));
+  auto next_inner = inner_pixels.begin();
+  for (const int32_t i : candidates) {
+    const bool is_inner = next_inner != inner_pixels.end() && *next_inner == i;
+    if (is_inner) ++next_inner;
+    if (!planes.Visible(i)) continue;
     const uint32_t here = planes.Bits(i);
     uint32_t differing = 0;
-    uint32_t rim = 0;
+    uint32_t rim = is_inner ? here : 0;
+    uint32_t crossing = 0;
     uint8_t continuous = 0;
     std::array<uint32_t, 4> crossings{};
     const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
@@ -245,6 +251,7 @@ void FrameSampler::Workspace::FindActive() {
       const std::ptrdiff_t step = neighbours[k];
       const bool visible = planes.Visible(i + step);
       if (visible) crossings[k] = here ^ planes.Bits(i + step);
+      crossing |= crossings[k];
       if (!visible || !Continuous(i, step)) {
         rim |= here;
       } else {
@@ -252,7 +259,7 @@ void FrameSampler::Workspace::FindActive() {
         continuous = static_cast<uint8_t>(continuous | (1u << k));
       }
     }
-    if ((differing | rim) != 0) AddActive(i, crossings, differing, rim, continuous);
+    if ((crossing | rim) != 0) AddActive(i, crossings, differing, rim, continuous);
   }
 }
 
@@ -331,18 +338,13 @@ void FrameSampler::Workspace::JudgeFacing(const RaySpace& ray_space, LightScratc
   }
 }
 
-const EdgeDirection& FrameSampler::Workspace::EdgeAt(std::ptrdiff_t i, uint32_t light_bit) const {
-  const uint32_t here = planes.Bits(i);
-  unsigned pattern = 0;
-  unsigned place = 1;
-  for (const std::ptrdiff_t row : {-planes.stride, std::ptrdiff_t{0}, planes.stride}) {
-    for (const std::ptrdiff_t column : {std::ptrdiff_t{-1}, std::ptrdiff_t{0}, std::ptrdiff_t{1}}) {
-      const std::ptrdiff_t k = i + row + column;
-      if (((planes.Visible(k) ? planes.Bits(k) : here) & light_bit) != 0) pattern |= place;
-      place <<= 1;
-    }
-  }
-  return edge_directions[pattern];
+uint32_t FrameSampler::Workspace::BitsAround(std::ptrdiff_t i, const PackedBits& light) const {
+  const auto x = static_cast<int>(i % planes.stride) - 1;
+  const auto y = static_cast<int>(i / planes.stride) - 1;
+  // Where there is no surface, light and shadow go on.
+  const uint32_t seen = visible.Around(x, y);
+  const uint32_t bits = light.Around(x, y);
+  return (bits & seen) | ((bits >> kMiddleOfWindow & 1u) != 0 ? ~seen & kWholeWindow : 0u);
 }
 
 void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightScratch* light,
@@ -354,9 +356,17 @@ void FrameSampler::Workspace::MakeSamples(const RaySpace& ray_space, LightScratc
     to->Resize(from.size());
     for (size_t i = 0; i < from.size(); ++i) {
       const EdgeAtHull& edge = from[i];
-      to->Set(i, samples->hull_rays[edge.hull], samples->hull_rays_dx1[edge.hull] * samples_per_pixel.x,
-              samples->hull_rays_dx2[edge.hull] * samples_per_pixel.y, samples->hull_along_ray[edge.hull],
-              edge.normal, edge.length);
+      const glm::dvec3& ray = samples->hull_rays[edge.hull];
+      const glm::dvec3 dx1 = samples->hull_rays_dx1[edge.hull] * samples_per_pixel.x;
+      const glm::dvec3 dx2 = samples->hull_rays_dx2[edge.hull] * samples_per_pixel.y;
+      glm::dvec2 normal = edge.normal;
+      double length = edge.length;
+      if (edge.is_texture) {
+        const TextureEdge texture = TextureEdgeOf(i, length, ray_space.is_directional(), ray, dx1, dx2);
+        normal = texture.normal;
+        length = texture.length;
+      }
+      to->Set(i, ray, dx1, dx2, samples->hull_along_ray[edge.hull], normal, length, edge.inverse_limit);
     }
   };
   add(light->edges, &samples->boundary);
@@ -371,40 +381,64 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
   const std::vector<double>& cosine = light->cosine;
   const std::vector<Facing>& facing = light->facing;
   for (size_t i = 0; i < active_pixels.size(); ++i) {
-    if (((active_differing[i] | active_rim[i]) & light_bit) != 0) concerned.Add(i);
+    if (((active_crossing[i] | active_rim[i]) & light_bit) != 0) concerned.Add(i);
   }
   JudgeFacing(ray_space, light);
-  const std::array<std::ptrdiff_t, 4> neighbours = Neighbours();
+  PackLight(planes, light_bit, &light->bits);
+  // A crossing between two pixels side by side is an edge as high as a pixel, half of it each one's; between
+  // two upon another, as wide.
+  // Where a share p of a pixel is in shadow at random, a map that resolves nothing is wrong in 2 p (1 - p) of
+  // it, a third in the mean over p.
+  const double most_wrong = pixels_per_sample.x * pixels_per_sample.y / 3.0;
+  const double mean_extent = 0.25 * (pixels_per_sample.x + pixels_per_sample.y);
   for (size_t listed = 0; listed < concerned.size(); ++listed) {
     const size_t i = concerned[listed];
     if (facing[i] == Facing::kAway) continue;
+    // Lit and beside a discontinuity: what is in shadow there has the edge, if there is one.
+    if (((active_differing[i] | active_rim[i]) & light_bit) == 0) continue;
     const bool differs = (active_differing[i] & light_bit) != 0;
     if (!differs && facing[i] == Facing::kGrazing) continue;
     const size_t at_hull = hull.size();
     hull.Add(i);
     if (facing[i] == Facing::kGrazing) continue;
 
-    const std::ptrdiff_t pixel = active_pixels[i];
     int crossings = 0;
-    int rough_crossings = 0;
-    for (size_t k = 0; k < neighbours.size(); ++k) {
-      if ((active_crossings[i][k] & light_bit) == 0) continue;
-      // Beside a discontinuity, an unknown surface or a terminator, where the light's cosine, carried on at
-      // the same rate, reaches zero within a step, the edge may be anywhere.
-      bool plain = facing[i] == Facing::kTowards && (active_continuous[i] >> k & 1) != 0;
-      if (plain) {
-        // On one surface and in different light: the neighbour is active, and this light concerns it.
-        const auto neighbour =
-            static_cast<size_t>(active_of_pixel[static_cast<size_t>(pixel + neighbours[k])]);
-        plain = facing[neighbour] == Facing::kTowards && 2.0 * cosine[i] - cosine[neighbour] > 0.0;
+    int discontinuous_crossings = 0;
+    int terminators = 0;
+    int away_crossings = 0;
+    int supports = 0;
+    for (size_t k = 0; k < 4; ++k) {
+      const bool continuous = (active_continuous[i] >> k & 1) != 0;
+      if ((active_crossings[i][k] & light_bit) == 0) {
+        if (continuous) ++supports;
+        continue;
       }
-      ++(plain ? crossings : rough_crossings);
+      const size_t neighbour = ActiveNeighbour(i, k);
+      if (facing[neighbour] == Facing::kAway || facing[neighbour] == Facing::kGrazing) {
+        ++away_crossings;
+      } else if (!continuous || facing[i] != Facing::kTowards || facing[neighbour] != Facing::kTowards) {
+        ++discontinuous_crossings;
+      } else {
+        // At a terminator the light's cosine, carried on at the same rate, reaches zero within a step.
+        ++(2.0 * cosine[i] - cosine[neighbour] > 0.0 ? crossings : terminators);
+      }
     }
-    if (crossings + rough_crossings == 0) continue;
-    const EdgeDirection& edge = EdgeAt(pixel, light_bit);
-    if (crossings > 0) light->edges.push_back({at_hull, edge.normal, crossings * edge.length_per_crossing});
-    if (rough_crossings > 0) {
-      light->rough_edges.push_back({at_hull, edge.normal, rough_crossings * edge.length_per_crossing});
+    const bool lit_beside = crossings + discontinuous_crossings + terminators > 0;
+    const double rough_crossings =
+        discontinuous_crossings * kChanceBesideDiscontinuity[static_cast<size_t>(std::min(supports, 3))] +
+        terminators * kChanceAtTerminator +
+        away_crossings * (lit_beside ? kChanceAtTerminator : kChanceInTheDark);
+    if (crossings == 0 && rough_crossings == 0.0) continue;
+    const uint32_t window = BitsAround(active_pixels[i], light->bits);
+    const EdgeDirection& edge = edge_directions.Of(window);
+    const bool is_texture = IsTexture(window);
+    const double length = is_texture ? mean_extent : edge.length_per_crossing;
+    if (crossings > 0) {
+      light->edges.push_back({at_hull, edge.normal, crossings * length, is_texture, 0.0});
+    }
+    if (rough_crossings > 0.0) {
+      light->rough_edges.push_back(
+          {at_hull, edge.normal, rough_crossings * length, is_texture, 4.0 / (rough_crossings * most_wrong)});
     }
   }
   MakeSamples(ray_space, light, samples);
@@ -423,8 +457,8 @@ void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightS
     hull.Add(i);
     if (facing[i] != Facing::kTowards) continue;
     // An edge could run either way.
-    light->edges.push_back({at_hull, {1.0, 0.0}, 0.5 * pixels_per_sample.y});
-    light->edges.push_back({at_hull, {0.0, 1.0}, 0.5 * pixels_per_sample.x});
+    light->edges.push_back({at_hull, {1.0, 0.0}, 0.5 * pixels_per_sample.y, false, 0.0});
+    light->edges.push_back({at_hull, {0.0, 1.0}, 0.5 * pixels_per_sample.x, false, 0.0});
   }
   MakeSamples(ray_space, light, samples);
 }
@@ -449,6 +483,7 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
       static_cast<uint32_t>(ray_spaces.size() >= 32 ? ~uint32_t{0} : (uint32_t{1} << ray_spaces.size()) - 1);
   if (bits) {
     CopyBits(*bits, all_lights, &work.planes);
+    PackVisible(work.planes, &work.visible);
     work.FindActive();
     work.UnprojectActive();
     ForLights(ray_spaces.size(), [&](size_t i) {

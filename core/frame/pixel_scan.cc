@@ -97,6 +97,37 @@ size_t FindBoundaryCandidatesRow(const float* inverse_distance, const uint32_t* 
   return found;
 }
 
+/// 16 pixels at a time, of which of(x) gives a vector's mask.
+template <class MaskOf>
+void PackRow(int width, uint8_t* packed, const MaskOf& of) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int x = 0; x < width; x += kMostLanes) {
+    uint32_t bits = 0;
+    for (int lane = 0; lane < kMostLanes; lane += lanes) {
+      std::array<uint8_t, 8> bytes{};
+      hn::StoreMaskBits(d, of(x + lane), bytes.data());
+      bits |= static_cast<uint32_t>(bytes[0] | bytes[1] << 8) << lane;
+    }
+    packed[x / 8] = static_cast<uint8_t>(bits);
+    packed[x / 8 + 1] = static_cast<uint8_t>(bits >> 8);
+  }
+}
+
+void PackVisibleRow(const float* inverse_distance, int width, uint8_t* packed) {
+  PackRow(width, packed, [&](int x) {
+    const auto here = hn::LoadU(Lanes(), inverse_distance + x);
+    return hn::Eq(here, here);
+  });
+}
+
+void PackLightRow(const uint32_t* bits, uint32_t light_bit, int width, uint8_t* packed) {
+  const BitLanes db;
+  PackRow(width, packed, [&](int x) {
+    return hn::RebindMask(Lanes(), hn::TestBit(hn::LoadU(db, bits + x), hn::Set(db, light_bit)));
+  });
+}
+
 }  // namespace shadowfit::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -105,6 +136,8 @@ namespace shadowfit {
 
 HWY_EXPORT(ScanDepthRow);
 HWY_EXPORT(FindBoundaryCandidatesRow);
+HWY_EXPORT(PackVisibleRow);
+HWY_EXPORT(PackLightRow);
 
 void PixelPlanes::Resize(int new_width, int new_height) {
   // The rim stays as it is from frame to frame, and the rest is overwritten.
@@ -115,6 +148,15 @@ void PixelPlanes::Resize(int new_width, int new_height) {
   const auto size = static_cast<size_t>(stride) * static_cast<size_t>(height + 2) + kMostLanes;
   inverse_distance.assign(size, std::numeric_limits<float>::quiet_NaN());
   bits.assign(size, 0);
+}
+
+void PackedBits::Resize(int width, int height) {
+  if (width_ == width && height_ == height) return;
+  width_ = width;
+  height_ = height;
+  // A window reads four bytes from its first on.
+  stride_ = static_cast<size_t>((width + kMostLanes - 1) / kMostLanes * kMostLanes / 8 + kBorder) + 4;
+  bytes_.assign(stride_ * static_cast<size_t>(height + 2 * kBorderRows), 0);
 }
 
 VisibleDepths ScanDepth(const DepthView& depth, const InverseDistanceLaw& law, PixelPlanes* planes) {
@@ -132,6 +174,22 @@ void CopyBits(const BitsView& bits, uint32_t lights, PixelPlanes* planes) {
     const uint32_t* row = bits.Row(y);
     std::transform(row, row + bits.width, planes->bits.begin() + planes->Index(0, y),
                    [lights](uint32_t value) { return value & lights; });
+  }
+}
+
+void PackVisible(const PixelPlanes& planes, PackedBits* packed) {
+  packed->Resize(planes.width, planes.height);
+  for (int y = 0; y < planes.height; ++y) {
+    HWY_DYNAMIC_DISPATCH(PackVisibleRow)
+    (planes.inverse_distance.data() + planes.Index(0, y), planes.width, packed->Row(y));
+  }
+}
+
+void PackLight(const PixelPlanes& planes, uint32_t light_bit, PackedBits* packed) {
+  packed->Resize(planes.width, planes.height);
+  for (int y = 0; y < planes.height; ++y) {
+    HWY_DYNAMIC_DISPATCH(PackLightRow)
+    (planes.bits.data() + planes.Index(0, y), light_bit, planes.width, packed->Row(y));
   }
 }
 

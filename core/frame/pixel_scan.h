@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <span>
 #include <vector>
@@ -44,6 +45,37 @@ struct PixelPlanes {
   uint32_t Bits(std::ptrdiff_t i) const { return bits[static_cast<size_t>(i)]; }
 };
 
+/// One bit a pixel, rows of bytes, with a border of zeros.
+class PackedBits {
+ public:
+  /// Clears where the size is another.
+  void Resize(int width, int height);
+  /// Where the row's pixel 0 begins: whole bytes, the lowest bit first. Up to kMostLanes - 1 pixels beyond
+  /// its end may be written, with zeros.
+  uint8_t* Row(int y) { return bytes_.data() + Offset(y) + kBorder; }
+  /// The 5x5 bits around a pixel: bit 5 row + column.
+  uint32_t Around(int x, int y) const {
+    uint32_t window = 0;
+    for (int row = 0; row < 5; ++row) {
+      const auto first = static_cast<size_t>(x + 8 * kBorder - 2);
+      uint32_t bits;
+      std::memcpy(&bits, bytes_.data() + Offset(y + row - 2) + first / 8, sizeof(bits));
+      window |= (bits >> first % 8 & 31u) << (5 * row);
+    }
+    return window;
+  }
+
+ private:
+  static constexpr int kBorder = 1;      // Bytes before a row, ...
+  static constexpr int kBorderRows = 2;  // ... rows below and above.
+  size_t Offset(int y) const { return static_cast<size_t>(y + kBorderRows) * stride_; }
+
+  int width_ = 0;
+  int height_ = 0;
+  size_t stride_ = 0;
+  std::vector<uint8_t> bytes_;
+};
+
 /// How much inverse distance may bend, as a second difference, on one surface: a share of its value (on
 /// planes under perspective the second difference is zero) plus a constant (orthographic).
 struct BendTolerance {
@@ -64,6 +96,12 @@ VisibleDepths ScanDepth(const DepthView& depth, const InverseDistanceLaw& law, P
 
 /// Fills `planes->bits` with those of `bits` that are in `lights`.
 void CopyBits(const BitsView& bits, uint32_t lights, PixelPlanes* planes);
+
+/// Where there is a surface.
+void PackVisible(const PixelPlanes& planes, PackedBits* packed);
+
+/// One light's bits.
+void PackLight(const PixelPlanes& planes, uint32_t light_bit, PackedBits* packed);
 
 /// Indices (PixelPlanes::Index) of the visible pixels that may touch a shadow's boundary: whose bits differ
 /// from a neighbour's, or that are shadowed beside a bend, row by row. Most pixels are inside a lit or a

@@ -20,10 +20,10 @@ bool TexelShadows(const CasterMap& map, const RaySpace& ray_space, int x, int y,
 /// What a renderer with these shadow maps of one light would show, free of depth errors: a pixel looks up the
 /// texel that contains its point, in the first map that does, and is in shadow where that texel's caster is
 /// nearer to the light than the pixel's tangent plane is on the ray through the texel's centre. The triangle
-/// that is seen never shadows itself, nor do its neighbours on a curved surface: casters near the point and less
-/// than a fifth as high above the tangent plane as the texel's centre lies away do not count. Outside all
-/// maps, and behind their planes of projection, all is lit. `truth` says which pixels the light concerns; the
-/// others stay kNotConcerned.
+/// that is seen never shadows itself, nor do its neighbours on a curved surface: casters near the point and
+/// less than a fifth as high above the tangent plane as the texel's centre lies away do not count. Outside
+/// all maps, and behind their planes of projection, all is lit. `truth` says which pixels the light concerns;
+/// the others stay kNotConcerned.
 absl::StatusOr<ShadowMask> ShadowFromMaps(const TruthScene& scene, const VisibleSurface& surface,
                                           const ShadowMask& truth, const RaySpace& ray_space,
                                           std::span<const ShadowProjection> projections);

@@ -186,8 +186,7 @@ absl::Status Bench(int lights) {
       problem.farthest_ndc_depth = extent.farthest_ndc_depth;
       problem.ws_scene_bounds = truth->ws_bounds();
       const Outcome standard = Default(problem);
-      const WhitenedSamples whitened =
-          Whiten(problem, MakeRayHull(problem, /*with_footprints=*/true), DefaultOptions{}.rough_weight);
+      const WhitenedSamples whitened = Whiten(problem, MakeRayHull(problem, /*with_footprints=*/true));
       const double target = standard.value * 1.001;
       const Outcome bobyqa = Minimize(nlopt::LN_BOBYQA, whitened, target);
       const Outcome direct = Minimize(nlopt::GN_DIRECT_L, whitened, target);

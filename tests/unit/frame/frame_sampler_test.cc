@@ -116,8 +116,7 @@ TEST(FrameSampler, BoundaryLengthAndNormalMeasureAStraightEdge) {
 }
 
 TEST(FrameSampler, PlanesHaveNoDiscontinuityAndSilhouettesDo) {
-  // Shadow everywhere: hull samples are the rim of the shadow, at the screen's border and at silhouettes
-  // only.
+  // Shadow everywhere: hull samples are the rim of the shadow, at the screen's border and at silhouettes.
   std::mt19937 random(3);
   const CameraMatrices matrices = testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne);
   OwnedFrame floor = testing::Draw(AnalyticScene{}, matrices, 64, 64, {Lamp(PointLight{{0, 0, 30}})});
@@ -127,7 +126,8 @@ TEST(FrameSampler, PlanesHaveNoDiscontinuityAndSilhouettesDo) {
   }
   const std::vector<LightSamples> samples = Sample(floor, {64, 64});
   // The border's 64 + 2 * 20 - 2 pixels, and 2 * 64 along the edge, 2 and 0 of which are at the border too.
-  EXPECT_EQ(samples[0].hull_rays.size(), 64u + 2 * 20 - 2 + 2 * 64 - 2);
+  // And of the shadow's inside every eighth pixel of every eighth row.
+  EXPECT_EQ(samples[0].hull_rays.size(), 64u + 2 * 20 - 2 + 2 * 64 - 2 + 8 * 2);
   EXPECT_EQ(samples[0].hull_rays_dx1.size(), samples[0].hull_rays.size());
   EXPECT_EQ(samples[0].hull_rays_dx2.size(), samples[0].hull_rays.size());
 }
@@ -151,6 +151,76 @@ TEST(FrameSampler, IgnoresBitsOfSurfacesThatFaceAway) {
   for (size_t i = 0; i < frame.bits.size(); i += 3) frame.bits[i] = 1;
   const std::vector<LightSamples> samples = Sample(frame, {64, 64});
   EXPECT_EQ(samples[0].boundary.size(), 0u);
+}
+
+/// The covector of sample i's edge in the plane of a light straight above: l A^-T n, where its length means
+/// wrong pixels and its direction is the edge's in the light's picture.
+glm::dvec2 LightCovector(const BoundarySamples& samples, size_t i) {
+  const glm::dmat2 ray_from_screen(glm::dvec2(samples.RayDx1(i)), glm::dvec2(samples.RayDx2(i)));
+  return samples.length[i] * (glm::dvec2(samples.n1[i], samples.n2[i]) * glm::inverse(ray_from_screen));
+}
+
+TEST(FrameSampler, EdgesOfATextureHaveAllDirectionsInTheLightsPicture) {
+  // Leaves' shadows at noon, smaller than a sample, on ground that runs away from the viewer: each bit is one
+  // of its own, and the screen's rows are metres apart where its columns are decimetres.
+  std::mt19937 random(7);
+  CameraMatrices matrices;
+  matrices.view_from_world =
+      glm::lookAtRH(glm::dvec3(0, -8, 1.5), glm::dvec3(0, 4, 0.5), glm::dvec3(0, 0, 1));
+  matrices.clip_from_view = glm::perspectiveRH_NO(0.4, 1.0, 0.1, 100.0);
+  OwnedFrame frame = testing::Draw(AnalyticScene{}, matrices, 100, 100, {Lamp(DirectionalLight{{0, 0, -1}})});
+  for (uint32_t& bits : frame.bits) bits = random() & 1u;
+  const std::vector<LightSamples> samples = Sample(frame, {400, 400});
+  const BoundarySamples& boundary = samples[0].boundary;
+  ASSERT_GT(boundary.size(), 1000u);
+  double along[4] = {};
+  for (size_t i = 0; i < boundary.size(); ++i) {
+    const glm::dvec2 g = LightCovector(boundary, i);
+    const double size = glm::length(g);
+    for (int k = 0; k < 4; ++k) {
+      const double angle = k * std::numbers::pi / 4.0;
+      along[k] += std::abs(glm::dot(g, glm::dvec2(std::cos(angle), std::sin(angle)))) / size;
+    }
+    // And however they are turned, they are edges that these samples could have shown.
+    EXPECT_GT(boundary.length[i], 0.0);
+    EXPECT_NEAR(std::hypot(boundary.n1[i], boundary.n2[i]), 1.0, 1e-9);
+  }
+  // E|cos| = 2 / pi in every direction, but for the few samples around which bits happen to line up.
+  for (const double sum : along) {
+    EXPECT_NEAR(sum / static_cast<double>(boundary.size()), 2.0 / std::numbers::pi, 0.07);
+  }
+}
+
+TEST(FrameSampler, OutlinesOfWhatIsWhollyInShadowAreNoEdges) {
+  // A ball before the ground under a lamp: all that is seen of the ball is in shadow, and of the ground the
+  // nearest rows; then the other way round.
+  AnalyticScene scene;
+  scene.spheres = {{{0, 0, 1.2}, 1.2}};
+  CameraMatrices matrices;
+  matrices.view_from_world = glm::lookAtRH(glm::dvec3(0, -8, 3), glm::dvec3(0, 0, 1), glm::dvec3(0, 0, 1));
+  matrices.clip_from_view = glm::perspectiveRH_NO(0.7, 1.0, 0.1, 100.0);
+  OwnedFrame frame = testing::Draw(scene, matrices, 100, 100, {Lamp(PointLight{{0.5, -30, 25}})});
+  const Camera camera = *Camera::Create(matrices);
+  const auto total = [](const BoundarySamples& samples) {
+    double sum = 0.0;
+    for (const double length : samples.length) sum += length;
+    return sum;
+  };
+  // The ball's outline is some 300 pixels long.
+  for (size_t pixel = 0; pixel < frame.bits.size(); ++pixel) {
+    const auto x = static_cast<double>(pixel % 100);
+    const auto y = static_cast<double>(pixel / 100);
+    const glm::dvec4 ws =
+        camera.world_from_clip() *
+        glm::dvec4((x + 0.5) / 50.0 - 1.0, (y + 0.5) / 50.0 - 1.0, 2.0 * frame.depth[pixel] - 1.0, 1.0);
+    frame.bits[pixel] = (ws.z / ws.w > 0.02 && frame.depth[pixel] < 1.0f) || y < 5 ? 1 : 0;
+  }
+  const LightSamples ball = Sample(frame, {200, 200})[0];
+  EXPECT_GT(ball.rough_boundary.size(), 50u);
+  EXPECT_LT(total(ball.rough_boundary), 60.0);
+  for (size_t pixel = 0; pixel < frame.bits.size(); ++pixel) frame.bits[pixel] = 1 - frame.bits[pixel];
+  const LightSamples ground = Sample(frame, {200, 200})[0];
+  EXPECT_LT(total(ground.rough_boundary), 60.0);
 }
 
 TEST(FrameSampler, MeasuresTheVisibleDepthRange) {
