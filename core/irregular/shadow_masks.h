@@ -113,7 +113,7 @@ struct MaskRequest {
   const Cancellation* cancellation = nullptr;
 };
 
-/// Milliseconds of each phase, those of all threads together.
+/// Milliseconds of each phase: of small pieces those of all threads together, of a whole frame as they elapse.
 struct MaskTimings {
   double plan = 0;     ///< Of the light, from few samples; and where it sees the casters.
   double project = 0;  ///< Samples to plane coordinates.
