@@ -113,7 +113,8 @@ struct MaskRequest {
   const Cancellation* cancellation = nullptr;
 };
 
-/// Milliseconds of each phase: of small pieces those of all threads together, of a whole frame as they elapse.
+/// Milliseconds of each phase: those of all threads together where the frame is cut into small pieces,
+/// elapsed ones where it is one piece.
 struct MaskTimings {
   double plan = 0;     ///< Of the light, from few samples; and where it sees the casters.
   double project = 0;  ///< Samples to plane coordinates.
