@@ -165,8 +165,7 @@ int Run(int argc, char** argv) {
     std::fprintf(stderr, "%s\n", truth.status().ToString().c_str());
     return 1;
   }
-  ViewOptions view_options;
-  if (scene_name == "sterngarten") view_options.ws_up = {0.0, 1.0, 0.0};
+  const ViewOptions view_options;
   std::vector<Camera> cameras;
   std::vector<ViewStudy> views;
   for (const StandPoint& stand_point : FindStandPoints(*truth, view_count, 1, view_options)) {
