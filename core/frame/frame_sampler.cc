@@ -135,7 +135,7 @@ struct FrameSampler::Workspace {
   }
   void AddActive(std::ptrdiff_t i, const std::array<uint32_t, 4>& crossings, uint32_t differing, uint32_t rim,
                  uint8_t continuous);
-  /// Neighbour k of a pixel, where some bit differs from its own: both are active.
+  /// Neighbour k of an active pixel, where some bit differs from its own: both are active.
   size_t ActiveNeighbour(size_t active, size_t k) const {
     return static_cast<size_t>(active_of_pixel[static_cast<size_t>(active_pixels[active] + Neighbours()[k])]);
   }
@@ -385,11 +385,11 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
   }
   JudgeFacing(ray_space, light);
   PackLight(planes, light_bit, &light->bits);
-  // A crossing between two pixels side by side is an edge as high as a pixel, half of it each one's; between
-  // two upon another, as wide.
   // Where a share p of a pixel is in shadow at random, a map that resolves nothing is wrong in 2 p (1 - p) of
   // it, a third in the mean over p.
   const double most_wrong = pixels_per_sample.x * pixels_per_sample.y / 3.0;
+  // A crossing between two pixels side by side is an edge as high as a pixel, half of it each one's; between
+  // two upon another, as wide.
   const double mean_extent = 0.25 * (pixels_per_sample.x + pixels_per_sample.y);
   for (size_t listed = 0; listed < concerned.size(); ++listed) {
     const size_t i = concerned[listed];
