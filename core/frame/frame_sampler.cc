@@ -30,9 +30,9 @@ constexpr double kOrthographicDiscontinuityPixels = 8.0;
 constexpr double kGrazingCosine = 0.0005;
 
 // Chance that a crossing (neighbours of different bits) which is no plain one stands for a shadow's edge: its
-// share of wrong pixels to that of plain ones, counted against rays in three scenes. Beside a discontinuity
-// it depends on how many of a sample's neighbours go on with its surface in the same light: a leaf has none,
-// and an object that stands whole in shadow before a lit ground all but one.
+// share of wrong pixels to that of plain ones, counted against rays in three scenes (study_edges). Beside a
+// discontinuity it depends on how many of a sample's neighbours go on with its surface in the same light: a
+// leaf has none, and an object that stands whole in shadow before a lit ground all but one.
 constexpr std::array<double, 4> kChanceBesideDiscontinuity = {0.33, 0.27, 0.18, 0.12};
 // At a terminator, and beside a surface that faces away from the light, whose bit means nothing: where some
 // other neighbour is lit, and where all that is seen of the light's work is shadow.

@@ -877,21 +877,32 @@ class ResolutionEstimator::Settler {
     for (const int tile : tiles_) certain_.Add(bounds_[static_cast<size_t>(tile)].settled);
   }
 
+  /// A tile, where the map sees it, and the bounds of its blocks there.
+  struct PlacedTile {
+    Tile tile;
+    PlacedMap placed;
+    PlacedBlocks blocks;
+  };
+  PlacedTile PlaceTile(int index, bool in_double) {
+    PlacedTile at;
+    at.tile = work_.MakeTile(index);
+    const TileBlocks& common = work_.blocks[static_cast<size_t>(index)];
+    at.placed = TilePlacer(at.tile, BoundsOf(common)).Place(planned_, in_double);
+    PlaceBlocks(planned_, at.placed, at.tile, common, &at.blocks);
+    return at;
+  }
+
   /// Computes, in double precision, the open blocks of a tile that may add to what is known.
   void SettleTile(int index, const Extremes& known) {
     TileBound& bound = bounds_[static_cast<size_t>(index)];
-    const Tile tile = work_.MakeTile(index);
-    const TileBlocks& common = work_.blocks[static_cast<size_t>(index)];
-    const PlacedMap placed = TilePlacer(tile, BoundsOf(common)).Place(planned_, true);
-    PlacedBlocks view;
-    PlaceBlocks(planned_, placed, tile, common, &view);
+    const PlacedTile at = PlaceTile(index, true);
     BlockMask wanted = 0;
     bound.outer = {};
     bound.promise = glm::dvec2(kInfinity);
     for (int block = 0; block < kBlocks; ++block) {
       const BlockMask bit = BlockMask{1} << block;
       if ((bound.open & bit) == 0) continue;
-      Extremes bounds = view.bounds[block];
+      Extremes bounds = at.blocks.bounds[block];
       if ((bound.unmeasured & bit) == 0) bounds.smallest = glm::max(bounds.smallest, bound.measured);
       if (bounds.MayExtend(known)) {
         wanted |= bit;
@@ -901,10 +912,10 @@ class ResolutionEstimator::Settler {
     }
     bound.open &= ~wanted;
     bound.unmeasured &= ~wanted;
-    const TileExtent extent = ReduceBlocks<double>(tile, wanted, placed.map);
-    work_.CountVisits(tile, wanted);
+    const TileExtent extent = ReduceBlocks<double>(at.tile, wanted, at.placed.map);
+    work_.CountVisits(at.tile, wanted);
     work_.settled.fetch_add(1, std::memory_order_relaxed);
-    bound.settled.Add(BoundsFrom(planned_, placed, extent, true));
+    bound.settled.Add(BoundsFrom(planned_, at.placed, extent, true));
   }
 
   /// Looks at the pixels of all blocks that may hold a box smaller than `size`.
@@ -917,28 +928,24 @@ class ResolutionEstimator::Settler {
 
   void MeasureTile(int index, const glm::dvec2& size) {
     TileBound& bound = bounds_[static_cast<size_t>(index)];
-    const Tile tile = work_.MakeTile(index);
-    const TileBlocks& common = work_.blocks[static_cast<size_t>(index)];
-    const PlacedMap placed = TilePlacer(tile, BoundsOf(common)).Place(planned_, false);
-    PlacedBlocks view;
-    PlaceBlocks(planned_, placed, tile, common, &view);
+    const PlacedTile at = PlaceTile(index, false);
     BlockMask wanted = 0;
     glm::dvec2 others(kInfinity);
     for (int block = 0; block < kBlocks; ++block) {
       const BlockMask bit = BlockMask{1} << block;
       if ((bound.unmeasured & bit) == 0) continue;
-      if (view.bounds[block].MayExtend(BoxesBelow(size))) {
+      if (at.blocks.bounds[block].MayExtend(BoxesBelow(size))) {
         wanted |= bit;
       } else {
-        others = glm::min(others, view.bounds[block].smallest);
+        others = glm::min(others, at.blocks.bounds[block].smallest);
       }
     }
-    const bool in_double = placed.where == PlacedMap::Where::kInDouble;
-    const TileExtent extent = in_double ? ReduceBlocks<double>(tile, wanted, placed.map)
-                                        : ReduceBlocks<float>(tile, wanted, placed.map);
-    work_.CountVisits(tile, wanted);
+    const bool in_double = at.placed.where == PlacedMap::Where::kInDouble;
+    const TileExtent extent = in_double ? ReduceBlocks<double>(at.tile, wanted, at.placed.map)
+                                        : ReduceBlocks<float>(at.tile, wanted, at.placed.map);
+    work_.CountVisits(at.tile, wanted);
     bound.unmeasured &= ~wanted;
-    bound.measured = glm::min(bound.measured, BoundsFrom(planned_, placed, extent, in_double).smallest);
+    bound.measured = glm::min(bound.measured, BoundsFrom(planned_, at.placed, extent, in_double).smallest);
     bound.outer.smallest = glm::min(bound.measured, others);
   }
 

@@ -11,35 +11,13 @@
 #include <vector>
 
 #include "core/resolution/light_maps.h"
+#include "random.h"
 
 namespace shadowfit {
 namespace {
 
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInf = std::numeric_limits<float>::infinity();
-
-/// Random numbers and the things that frames are made of.
-class Random {
- public:
-  explicit Random(unsigned seed) : engine_(seed) {}
-  double In(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine_); }
-  int Int(int low, int high) { return std::uniform_int_distribution<int>(low, high)(engine_); }
-  glm::dvec3 Vector(double size) { return {In(-size, size), In(-size, size), In(-size, size)}; }
-  glm::dvec3 Direction() {
-    for (;;) {
-      const glm::dvec3 v = Vector(1.0);
-      const double length = glm::length(v);
-      if (length > 0.1 && length < 1.0) return v / length;
-    }
-  }
-  std::mt19937& engine() { return engine_; }
-
- private:
-  std::mt19937 engine_;
-};
 
 glm::dmat4 Perspective(double tan_x, double tan_y, double near, double far, ClipDepth convention) {
   glm::dmat4 m(0.0);

@@ -8,21 +8,10 @@
 #include <random>
 #include <vector>
 
+#include "random.h"
+
 namespace shadowfit::resolution {
 namespace {
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInf = std::numeric_limits<float>::infinity();
-
-class Random {
- public:
-  explicit Random(unsigned seed) : engine_(seed) {}
-  double In(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine_); }
-  int Int(int low, int high) { return std::uniform_int_distribution<int>(low, high)(engine_); }
-
- private:
-  std::mt19937 engine_;
-};
 
 /// Planes with steps between them, noise, and things that are no samples.
 std::vector<float> RandomDepth(Random& random, int width, int height) {
