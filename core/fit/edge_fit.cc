@@ -15,10 +15,6 @@ constexpr double kLeastSine = 0.08;
 // A free aspect goes up to maps seven times as long as wide.
 constexpr double kMostStretch = 2.7;
 
-// Below this ratio of smallest to largest w over the hull the map's texels differ 250-fold in width across
-// it, and rounding in a renderer's 32-bit matrices begins to show.
-constexpr double kLeastRatio = 0.004;
-
 /// Rotations by pi/16 * 2^-k, the steps of the pattern search.
 struct Rotation {
   double cosine;
@@ -61,17 +57,24 @@ glm::dvec2 Rotate(const glm::dvec2& v, const Rotation& by, double sign) {
   return {v.x * by.cosine - sign * v.y * by.sine, sign * v.x * by.sine + v.y * by.cosine};
 }
 
-size_t Padded(size_t count) { return (count + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes; }
+double SineBetweenSides(const AffineShape& shape) {
+  return std::abs(shape.side1.x * shape.side2.y - shape.side1.y * shape.side2.x);
+}
 
 }  // namespace
+
+bool IsAllowed(const AffineShape& shape) {
+  return SineBetweenSides(shape) >= kLeastSine && shape.stretch <= kMostStretch &&
+         shape.stretch * kMostStretch >= 1.0;
+}
 
 EdgeFit::EdgeFit(const WhitenedSamples& samples, MapSize size, bool free_aspect)
     : samples_(samples), size_(size), free_aspect_(free_aspect) {
   covector_x_.resize(samples.x.size());
   covector_y_.resize(samples.x.size());
   covector_bin_.resize(samples.x.size());
-  hull_x_.resize(Padded(samples.hull.size()));
-  hull_y_.resize(Padded(samples.hull.size()));
+  hull_x_.resize(PaddedToEdgeLanes(samples.hull.size()));
+  hull_y_.resize(PaddedToEdgeLanes(samples.hull.size()));
 }
 
 bool EdgeFit::ProjectHull(const glm::dvec2& axis) {
@@ -86,7 +89,7 @@ bool EdgeFit::ProjectHull(const glm::dvec2& axis) {
     hull_x_[i] = static_cast<float>(v.x / w);
     hull_y_[i] = static_cast<float>(v.y / w);
   }
-  return least > kLeastRatio * most;
+  return least > kLeastRatioOfW * most;
 }
 
 void EdgeFit::Gather(const glm::dvec2& axis) {
@@ -122,8 +125,8 @@ bool EdgeFit::MoveTo(const glm::dvec2& axis) {
 }
 
 double EdgeFit::Cost(const AffineShape& shape) const {
-  const double sine = std::abs(shape.side1.x * shape.side2.y - shape.side1.y * shape.side2.x);
-  if (sine < kLeastSine || shape.stretch > kMostStretch || shape.stretch * kMostStretch < 1.0) return 1e300;
+  if (!IsAllowed(shape)) return 1e300;
+  const double sine = SineBetweenSides(shape);
   // A side is as long as the hull is wide across the other side, over the sine between them.
   const float across2[2] = {static_cast<float>(-shape.side2.y), static_cast<float>(shape.side2.x)};
   const float across1[2] = {static_cast<float>(-shape.side1.y), static_cast<float>(shape.side1.x)};
@@ -180,14 +183,6 @@ EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
     }
   }
   Refine(0, steps, &best);
-  return best;
-}
-
-EdgeFit::Result EdgeFit::EvaluateNear(const glm::dvec2& axis, const AffineShape& guess, int steps) {
-  Result best;
-  if (!MoveTo(axis)) return best;
-  best = {Cost(guess), guess};
-  Refine(1, steps, &best);
   return best;
 }
 

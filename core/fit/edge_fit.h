@@ -20,6 +20,13 @@ struct AffineShape {
   double stretch = 1.0;
 };
 
+/// False for slivers and for maps much longer than wide, that no metric asks for.
+bool IsAllowed(const AffineShape& shape);
+
+/// Below this ratio of smallest to largest w over the hull the map's texels differ 250-fold in width across
+/// it, and rounding in a renderer's 32-bit matrices begins to show.
+inline constexpr double kLeastRatioOfW = 0.004;
+
 /// The `edge` metric (metric.h) as a function of the axis alone: at each axis (alpha, beta, 1) the covectors
 /// l g of all samples are gathered by direction, which serves every affine part at that axis, and the best
 /// enclosing parallelogram is searched over the gathered directions. The metric is homogeneous in g and
@@ -41,8 +48,6 @@ class EdgeFit {
 
   /// The best parallelogram at an axis, searched over all directions.
   Result Evaluate(const glm::dvec2& axis, int steps = kFine);
-  /// The same, searched around a good guess.
-  Result EvaluateNear(const glm::dvec2& axis, const AffineShape& guess, int steps = kFine);
 
   /// The homography of an axis and a shape over whitened coordinates, for a map of `size` texels, exactly
   /// around the hull.

@@ -1,6 +1,9 @@
 #include "core/fit/edge_kernels.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/fit/edge_kernels.cc"
@@ -117,6 +120,112 @@ void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const floa
   }
 }
 
+EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, const float* e2,
+                             const float* e3, size_t count, const float axis[2], const float b1[2],
+                             const float b2[2]) {
+  const Lanes d;
+  const auto a = hn::Set(d, axis[0]);
+  const auto b = hn::Set(d, axis[1]);
+  const auto b1x = hn::Set(d, b1[0]);
+  const auto b1y = hn::Set(d, b1[1]);
+  const auto b2x = hn::Set(d, b2[0]);
+  const auto b2y = hn::Set(d, b2[1]);
+  const auto quarter = hn::Set(d, 0.25f);
+  auto cost = hn::Zero(d);
+  auto f1x = hn::Zero(d);
+  auto f1y = hn::Zero(d);
+  auto f2x = hn::Zero(d);
+  auto f2y = hn::Zero(d);
+  auto per_a = hn::Zero(d);
+  auto per_b = hn::Zero(d);
+  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+    // g = w h, h = (e1 - a e3, e2 - b e3).
+    const auto vx = hn::LoadU(d, x + i);
+    const auto vy = hn::LoadU(d, y + i);
+    const auto third = hn::LoadU(d, e3 + i);
+    const auto w = hn::MulAdd(a, vx, hn::MulAdd(b, vy, hn::Set(d, 1.0f)));
+    const auto hx = hn::NegMulAdd(a, third, hn::LoadU(d, e1 + i));
+    const auto hy = hn::NegMulAdd(b, third, hn::LoadU(d, e2 + i));
+    const auto gx = hn::Mul(w, hx);
+    const auto gy = hn::Mul(w, hy);
+    const auto p = hn::MulAdd(gx, b1x, hn::Mul(gy, b1y));
+    const auto q = hn::MulAdd(gx, b2x, hn::Mul(gy, b2y));
+    const auto s = hn::Max(hn::Abs(p), hn::Abs(q));
+    const auto ratio = hn::Div(hn::Min(hn::Abs(p), hn::Abs(q)), hn::Add(s, hn::Set(d, 1e-30f)));
+    // With r = t / s: s/4 + t^2/(12 s) = s (1/4 + r^2/12), its slope along s is 1/4 - r^2/12, along t r/6.
+    const auto bow = hn::Mul(hn::Mul(ratio, ratio), hn::Set(d, 1.0f / 12.0f));
+    cost = hn::MulAdd(s, hn::Add(quarter, bow), cost);
+    const auto per_s = hn::Sub(quarter, bow);
+    const auto per_t = hn::Mul(ratio, hn::Set(d, 1.0f / 6.0f));
+    const auto p_is_s = hn::Ge(hn::Abs(p), hn::Abs(q));
+    const auto per_p = hn::CopySign(hn::IfThenElse(p_is_s, per_s, per_t), p);
+    const auto per_q = hn::CopySign(hn::IfThenElse(p_is_s, per_t, per_s), q);
+    f1x = hn::MulAdd(per_p, gx, f1x);
+    f1y = hn::MulAdd(per_p, gy, f1y);
+    f2x = hn::MulAdd(per_q, gx, f2x);
+    f2y = hn::MulAdd(per_q, gy, f2y);
+    // c = df/dg; dg/da = x h - w e3 (1, 0), dg/db = y h - w e3 (0, 1).
+    const auto cx = hn::MulAdd(per_p, b1x, hn::Mul(per_q, b2x));
+    const auto cy = hn::MulAdd(per_p, b1y, hn::Mul(per_q, b2y));
+    const auto c_h = hn::MulAdd(cx, hx, hn::Mul(cy, hy));
+    const auto turn = hn::Mul(w, third);
+    per_a = hn::Add(per_a, hn::NegMulAdd(cx, turn, hn::Mul(c_h, vx)));
+    per_b = hn::Add(per_b, hn::NegMulAdd(cy, turn, hn::Mul(c_h, vy)));
+  }
+  const auto sum = [&](hn::Vec<Lanes> v) { return hn::GetLane(hn::SumOfLanes(d, v)); };
+  return {sum(cost), {sum(f1x), sum(f1y)}, {sum(f2x), sum(f2y)}, {sum(per_a), sum(per_b)}};
+}
+
+/// The least and the greatest of a linear function so far, lane by lane, and where they are.
+struct Supports {
+  hn::Vec<Lanes> low, low_x, low_y, high, high_x, high_y;
+
+  void Add(hn::Vec<Lanes> along, hn::Vec<Lanes> x, hn::Vec<Lanes> y) {
+    const auto lower = hn::Lt(along, low);
+    low = hn::IfThenElse(lower, along, low);
+    low_x = hn::IfThenElse(lower, x, low_x);
+    low_y = hn::IfThenElse(lower, y, low_y);
+    const auto higher = hn::Gt(along, high);
+    high = hn::IfThenElse(higher, along, high);
+    high_x = hn::IfThenElse(higher, x, high_x);
+    high_y = hn::IfThenElse(higher, y, high_y);
+  }
+  HullSupport Get() const {
+    const Lanes d;
+    const auto at = [&](hn::Mask<Lanes> best, hn::Vec<Lanes> v_x, hn::Vec<Lanes> v_y) {
+      const auto lane = static_cast<size_t>(std::max<std::ptrdiff_t>(0, hn::FindFirstTrue(d, best)));
+      return std::array<float, 2>{hn::ExtractLane(v_x, lane), hn::ExtractLane(v_y, lane)};
+    };
+    const auto lowest = at(hn::Eq(low, hn::MinOfLanes(d, low)), low_x, low_y);
+    const auto highest = at(hn::Eq(high, hn::MaxOfLanes(d, high)), high_x, high_y);
+    return {{lowest[0], lowest[1]}, {highest[0], highest[1]}};
+  }
+};
+
+HullView ViewHull(const float* x, const float* y, size_t count, const float axis[2], const float normal1[2],
+                  const float normal2[2]) {
+  const Lanes d;
+  const auto zero = hn::Zero(d);
+  const Supports none = {hn::Set(d, 1e30f), zero, zero, hn::Set(d, -1e30f), zero, zero};
+  Supports across1 = none;
+  Supports across2 = none;
+  auto least_w = hn::Set(d, 1e30f);
+  auto most_w = zero;
+  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const auto vx = hn::LoadU(d, x + i);
+    const auto vy = hn::LoadU(d, y + i);
+    const auto w = hn::MulAdd(hn::Set(d, axis[0]), vx, hn::MulAdd(hn::Set(d, axis[1]), vy, hn::Set(d, 1.0f)));
+    least_w = hn::Min(least_w, w);
+    most_w = hn::Max(most_w, w);
+    const auto px = hn::Div(vx, w);
+    const auto py = hn::Div(vy, w);
+    across1.Add(hn::MulAdd(px, hn::Set(d, normal1[0]), hn::Mul(py, hn::Set(d, normal1[1]))), px, py);
+    across2.Add(hn::MulAdd(px, hn::Set(d, normal2[0]), hn::Mul(py, hn::Set(d, normal2[1]))), px, py);
+  }
+  return {hn::GetLane(hn::MinOfLanes(d, least_w)), hn::GetLane(hn::MaxOfLanes(d, most_w)), across1.Get(),
+          across2.Get()};
+}
+
 }  // namespace shadowfit::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -127,6 +236,8 @@ HWY_EXPORT(EdgeCovectors);
 HWY_EXPORT(EdgeCost);
 HWY_EXPORT(EdgeCostsOfPairs);
 HWY_EXPORT(HullExtents);
+HWY_EXPORT(EdgeCostAndSlopes);
+HWY_EXPORT(ViewHull);
 
 void EdgeCovectors(const float* x, const float* y, const float* e1, const float* e2, const float* e3,
                    size_t count, float a, float b, int bins, float* gx, float* gy, int32_t* bin) {
@@ -144,6 +255,16 @@ void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const floa
 void HullExtents(const float* vx, const float* vy, size_t count, const float n1[2], const float n2[2],
                  float extents[2]) {
   HWY_DYNAMIC_DISPATCH(HullExtents)(vx, vy, count, n1, n2, extents);
+}
+
+EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, const float* e2,
+                             const float* e3, size_t count, const float axis[2], const float b1[2],
+                             const float b2[2]) {
+  return HWY_DYNAMIC_DISPATCH(EdgeCostAndSlopes)(x, y, e1, e2, e3, count, axis, b1, b2);
+}
+HullView ViewHull(const float* x, const float* y, size_t count, const float axis[2], const float normal1[2],
+                  const float normal2[2]) {
+  return HWY_DYNAMIC_DISPATCH(ViewHull)(x, y, count, axis, normal1, normal2);
 }
 
 }  // namespace shadowfit

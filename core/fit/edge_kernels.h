@@ -5,11 +5,14 @@
 
 namespace shadowfit {
 
-// The inner loops of EdgeFit, vectorised with run-time dispatch (Highway) at eight lanes: sums come out
-// the same on every machine with AVX2 or better.
+// The inner loops of EdgeFit and EdgeObjective, vectorised with run-time dispatch (Highway) at eight lanes:
+// sums come out the same on every machine with AVX2 or better.
 
 /// Arrays that the kernels read are padded to a multiple of this.
 inline constexpr size_t kEdgeLanes = 8;
+inline constexpr size_t PaddedToEdgeLanes(size_t count) {
+  return (count + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes;
+}
 
 /// Covectors of `count` samples (a multiple of kEdgeLanes; padding has e1 = e2 = e3 = 0) at axis (a, b, 1),
 /// see WhitenedSamples, turned into the upper half plane, and the bin of each one's direction among `bins`
@@ -37,5 +40,34 @@ void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const floa
 /// directions.
 void HullExtents(const float* vx, const float* vy, size_t count, const float n1[2], const float n2[2],
                  float extents[2]);
+
+/// The sum of EdgeCost over samples (as for EdgeCovectors) with its slopes along the steps b1, b2 and along
+/// the axis (a, b).
+struct EdgeSlopes {
+  float cost;
+  float per_b1[2];
+  float per_b2[2];
+  float per_axis[2];
+};
+EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, const float* e2,
+                             const float* e3, size_t count, const float axis[2], const float b1[2],
+                             const float b2[2]);
+
+/// The points of a hull that lie farthest down and up a normal.
+struct HullSupport {
+  float low[2];
+  float high[2];
+};
+/// A hull of `count` vertices (as for HullExtents) seen along an axis (a, b, 1): the extremes of w = 1 + a x
+/// + b y, and the supports of the projected points (x, y) / w along two normals; these mean something where
+/// w is positive.
+struct HullView {
+  float least_w;
+  float most_w;
+  HullSupport across1;
+  HullSupport across2;
+};
+HullView ViewHull(const float* x, const float* y, size_t count, const float axis[2], const float normal1[2],
+                  const float normal2[2]);
 
 }  // namespace shadowfit

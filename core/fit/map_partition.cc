@@ -86,29 +86,29 @@ class Partitioner {
   }
 
   MapPartition Partition() {
-    std::vector<Part> parts(1);
-    parts[0].samples = *problem_.samples;
-    parts[0].fit = Fit(parts[0].samples, problem_.map_size, options_);
-    const SingleMapFit single = parts[0].fit;
+    const SingleMapFit single = Fit(*problem_.samples, problem_.map_size, options_);
+    // Without an edge there is nothing to gain.
+    const bool has_edges = problem_.samples->source == SampleSource::kShadowBoundary;
+    const bool must = options_.divide_where_needed && !single.usable && !problem_.samples->hull_rays.empty();
+    const bool may = options_.most_maps > 1 && single.usable && has_edges;
+    if (!must && !may) return {{single}};
+    std::vector<Part> parts = {{*problem_.samples, single}};
     const auto unusable = [](const Part& part) { return !part.fit.usable; };
-    const bool has_rays = !problem_.samples->hull_rays.empty();
     auto most = static_cast<size_t>(options_.most_maps);
-    if (options_.divide_where_needed && has_rays && unusable(parts[0])) {
+    if (must) {
       if (most == 1) most = kMostMaps;
       while (parts.size() < most && std::any_of(parts.begin(), parts.end(), unusable)) {
         if (!DivideWorst(&parts)) break;
       }
     }
-    // Without an edge there is nothing to gain.
-    const bool has_edges = problem_.samples->source == SampleSource::kShadowBoundary;
     while (has_edges && parts.size() < most && std::none_of(parts.begin(), parts.end(), unusable)) {
       if (!DivideWorst(&parts)) break;
     }
     // Planes one after the other leave long lunes of what surrounds the light: cube faces may do better.
     if (parts.size() > 1 && most == kMostMaps) {
       std::vector<Part> faces = CubeFaces();
-      const bool must = std::any_of(parts.begin(), parts.end(), unusable);
-      if (must || Total(CostsOf(faces)) < Total(CostsOf(parts))) parts = std::move(faces);
+      const bool still_unusable = std::any_of(parts.begin(), parts.end(), unusable);
+      if (still_unusable || Total(CostsOf(faces)) < Total(CostsOf(parts))) parts = std::move(faces);
     }
     MapPartition partition = Finish(std::move(parts));
     // Divisions are chosen by quick fits of their parts alone; the maps as they are may not keep the promise.

@@ -5,8 +5,10 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <span>
 
 #include "core/fit/ray_hull.h"
+#include "core/math/convex_hull.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/fit/outer_samples.cc"
@@ -18,7 +20,7 @@ namespace shadowfit::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Share of a product's size below which its sign is rounding: the octagon's own corners must not count as
+/// Share of a product's size below which its sign is rounding: the polygon's own corners must not count as
 /// inside it.
 constexpr double kRounding = 1e-12;
 
@@ -79,6 +81,12 @@ constexpr size_t kCorners = 8;
 /// Every this many samples make the octagon; any part of the samples makes a valid one.
 constexpr size_t kProbes = 512;
 
+/// Sides of the second polygon; hulls have about 16 vertices.
+constexpr size_t kMostSides = 32;
+
+/// Fewer samples than this need no second polygon.
+constexpr size_t kFew = 32;
+
 std::vector<int32_t> All(size_t count) {
   std::vector<int32_t> all(count);
   std::iota(all.begin(), all.end(), 0);
@@ -99,6 +107,77 @@ bool FrontPlane(const std::vector<glm::dvec3>& rays, size_t stride, bool directi
   if (!(length > 0.0) || !std::isfinite(length)) return false;
   *plane = ImagePlane::About(mean / length);
   return true;
+}
+
+/// The half planes whose intersection is a convex polygon, counter-clockwise in the chart, as covectors. A
+/// point v is left of an edge (a, b) where (b - a) x (v - a) > 0, which is linear in the ray: times w.
+struct InnerPolygon {
+  std::array<double[3], kMostSides + 1> covectors;
+  size_t sides = 0;
+
+  InnerPolygon(const ImagePlane& plane, std::span<const glm::dvec2> corners) {
+    for (size_t k = 0; k < corners.size(); ++k) {
+      const glm::dvec2 a = corners[k];
+      const glm::dvec2 edge = corners[(k + 1) % corners.size()] - a;
+      if (edge == glm::dvec2(0.0)) continue;  // Two directions have the same extreme point.
+      Add(edge.x * plane.b2 - edge.y * plane.b1 + (edge.y * a.x - edge.x * a.y) * plane.axis);
+    }
+    Add(plane.axis);
+  }
+  /// False for samples on one line.
+  bool HasArea() const { return sides >= 4; }
+
+ private:
+  void Add(const glm::dvec3& covector) {
+    for (int axis = 0; axis < 3; ++axis) covectors[sides][axis] = covector[axis];
+    ++sides;
+  }
+};
+
+/// Rays and, where footprints are wanted, their derivatives.
+struct Rays {
+  const std::vector<glm::dvec3>* center;
+  const std::vector<glm::dvec3>* dx1;
+  const std::vector<glm::dvec3>* dx2;
+};
+
+std::vector<int32_t> Outside(const Rays& rays, const InnerPolygon& polygon) {
+  static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
+  const auto flat = [](const std::vector<glm::dvec3>* v) { return v == nullptr ? nullptr : &v->data()->x; };
+  std::vector<int32_t> outside(rays.center->size());
+  outside.resize(HWY_DYNAMIC_DISPATCH(RaysNotInside)(flat(rays.center), flat(rays.dx1), flat(rays.dx2),
+                                                     rays.center->size(), polygon.covectors.data(),
+                                                     polygon.sides, outside.data()));
+  return outside;
+}
+
+/// Those of the chosen samples that are not inside the polygon of the chosen ones' hull, where footprints
+/// reach at most.
+std::vector<int32_t> OutsideOfTheirHull(const Rays& all, const ImagePlane& plane,
+                                        const std::vector<int32_t>& chosen) {
+  const auto of_chosen = [&](const std::vector<glm::dvec3>* from) {
+    std::vector<glm::dvec3> some;
+    if (from == nullptr) return some;
+    some.reserve(chosen.size());
+    for (const int32_t i : chosen) some.push_back((*from)[static_cast<size_t>(i)]);
+    return some;
+  };
+  const std::vector<glm::dvec3> center = of_chosen(all.center);
+  const std::vector<glm::dvec3> dx1 = of_chosen(all.dx1);
+  const std::vector<glm::dvec3> dx2 = of_chosen(all.dx2);
+  std::vector<glm::dvec2> points;
+  points.reserve(center.size());
+  for (const glm::dvec3& r : center) points.push_back(plane.Project(r));
+  const std::vector<int> hull = ConvexHull2(points);
+  const size_t stride = (hull.size() + kMostSides - 1) / kMostSides;
+  std::vector<glm::dvec2> corners;
+  for (size_t i = 0; i < hull.size(); i += stride) corners.push_back(points[static_cast<size_t>(hull[i])]);
+  const InnerPolygon polygon(plane, corners);
+  if (!polygon.HasArea()) return chosen;
+  std::vector<int32_t> outer =
+      Outside({&center, all.dx1 != nullptr ? &dx1 : nullptr, all.dx2 != nullptr ? &dx2 : nullptr}, polygon);
+  for (int32_t& i : outer) i = chosen[static_cast<size_t>(i)];
+  return outer;
 }
 
 }  // namespace
@@ -132,36 +211,17 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
     }
   }
 
-  // A point v is left of an edge (a, b) where (b - a) x (v - a) > 0, which is linear in the ray: times w.
-  std::array<double[3], kCorners + 1> covectors;
-  size_t sides = 0;
-  const auto add = [&](const glm::dvec3& covector) {
-    for (int axis = 0; axis < 3; ++axis) covectors[sides][axis] = covector[axis];
-    ++sides;
-  };
-  for (size_t k = 0; k < kCorners; ++k) {
-    const glm::dvec2 a = corner[k];
-    const glm::dvec2 edge = corner[(k + 1) % kCorners] - a;
-    if (edge == glm::dvec2(0.0)) continue;  // Two directions have the same extreme point.
-    add(edge.x * plane.b2 - edge.y * plane.b1 + (edge.y * a.x - edge.x * a.y) * plane.axis);
-  }
-  add(plane.axis);
-  if (sides < 4) return All(rays.size());  // No octagon: the samples are on one line.
-
-  std::vector<int32_t> outer(rays.size());
-  static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
-  const auto flat = [](const std::vector<glm::dvec3>& v) { return &v.data()->x; };
-  const size_t found =
-      HWY_DYNAMIC_DISPATCH(RaysNotInside)(flat(rays), with_footprints ? flat(samples.hull_rays_dx1) : nullptr,
-                                          with_footprints ? flat(samples.hull_rays_dx2) : nullptr,
-                                          rays.size(), covectors.data(), sides, outer.data());
-  outer.resize(found);
+  const InnerPolygon octagon(plane, corner);
+  if (!octagon.HasArea()) return All(rays.size());
+  const Rays all = {&rays, with_footprints ? &samples.hull_rays_dx1 : nullptr,
+                    with_footprints ? &samples.hull_rays_dx2 : nullptr};
+  const std::vector<int32_t> outer = Outside(all, octagon);
   if (!ray_space.is_directional()) {
     for (const int32_t i : outer) {
       if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return All(rays.size());
     }
   }
-  return outer;
+  return outer.size() < kFew ? outer : OutsideOfTheirHull(all, plane, outer);
 }
 
 }  // namespace shadowfit

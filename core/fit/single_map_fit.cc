@@ -1,14 +1,15 @@
 #include "core/fit/single_map_fit.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "core/fit/edge_fit.h"
-#include "core/fit/metric.h"
+#include "core/fit/edge_objective.h"
+#include "core/fit/quasi_newton.h"
 #include "core/fit/ray_hull.h"
 #include "core/fit/rescale_previous.h"
 #include "core/fit/whitened_samples.h"
@@ -18,8 +19,8 @@ namespace {
 
 /// The dual cone without its rim. Valid axes (alpha, beta, 1) are the interior of the hull's polar dual, a
 /// convex polygon around the origin: along a direction d they reach to 1 / max(-d.v). The chart y = d (-ln(1
-/// - t)), t the share of that reach, maps it onto the whole plane: a search needs no constraints, and a step
-/// means the same factor of smallest w everywhere.
+/// - t)), t the share of that reach, maps it onto the whole plane: rings around the
+/// origin are even choices, and a step means the same factor of smallest w everywhere.
 class AxisChart {
  public:
   explicit AxisChart(const std::vector<glm::dvec2>& hull) : hull_(hull) {}
@@ -29,14 +30,6 @@ class AxisChart {
     if (!(radius > 0.0)) return glm::dvec2(0.0);
     const glm::dvec2 d = y / radius;
     return d * (Reach(d) * -std::expm1(-radius));
-  }
-  /// Axes beyond the cone's rim come out just within it.
-  glm::dvec2 ChartOf(const glm::dvec2& axis) const {
-    const double length = glm::length(axis);
-    if (!(length > 0.0)) return glm::dvec2(0.0);
-    const glm::dvec2 d = axis / length;
-    const double t = std::min(length / Reach(d), 0.999);
-    return d * -std::log1p(-t);
   }
 
  private:
@@ -52,52 +45,34 @@ class AxisChart {
 /// straight along its axis, texels are 33 times as wide as in its middle.
 constexpr double kWidestHalfAngle = 1.3962634015954636;
 
-struct Candidate {
-  glm::dvec2 y{0.0};
-  EdgeFit::Result result;
-};
+constexpr size_t kParameters = std::tuple_size_v<EdgeObjective::Parameters>;
+using Point = DescentPoint<kParameters>;
 
-bool ByCost(const Candidate& a, const Candidate& b) { return a.result.cost < b.result.cost; }
-
-/// Nelder and Mead's simplex in the plane, from one candidate on, with the affine search warm-started from
-/// the best vertex and as fine as `steps` (EdgeFit).
-Candidate Descend(EdgeFit& fit, int steps, const AxisChart& chart, const Candidate& start, double size,
-                  int most_evaluations, double tolerance) {
-  const auto evaluate = [&](const glm::dvec2& y, const AffineShape& shape) {
-    return Candidate{y, fit.EvaluateNear(chart.AxisAt(y), shape, steps)};
-  };
-  std::array<Candidate, 3> simplex = {start, evaluate(start.y + glm::dvec2(size, 0.0), start.result.shape),
-                                      evaluate(start.y + glm::dvec2(0.0, size), start.result.shape)};
-  for (int used = 2; used < most_evaluations;) {
-    std::sort(simplex.begin(), simplex.end(), ByCost);
-    const double spread = simplex[2].result.cost - simplex[0].result.cost;
-    if (spread <= tolerance * simplex[0].result.cost) break;
-    const glm::dvec2 middle = 0.5 * (simplex[0].y + simplex[1].y);
-    const glm::dvec2 away = middle - simplex[2].y;
-    const AffineShape& shape = simplex[0].result.shape;
-    const Candidate reflected = evaluate(middle + away, shape);
-    ++used;
-    if (reflected.result.cost < simplex[0].result.cost) {
-      const Candidate expanded = evaluate(middle + 2.0 * away, shape);
-      ++used;
-      simplex[2] = std::min(expanded, reflected, ByCost);
-    } else if (reflected.result.cost < simplex[1].result.cost) {
-      simplex[2] = reflected;
-    } else {
-      const bool outside = reflected.result.cost < simplex[2].result.cost;
-      const Candidate contracted = evaluate(middle + (outside ? 0.5 : -0.5) * away, shape);
-      ++used;
-      if (contracted.result.cost < std::min(reflected.result.cost, simplex[2].result.cost)) {
-        simplex[2] = contracted;
-      } else {
-        for (size_t i = 1; i < 3; ++i) {
-          simplex[i] = evaluate(0.5 * (simplex[0].y + simplex[i].y), shape);
-          ++used;
-        }
-      }
+/// A parallelogram at an axis as the start of a descent.
+Point StartAt(const glm::dvec2& axis, const AffineShape& shape, const EdgeObjective& objective) {
+  // First steps are a tenth of a radian and of a factor e where the cost changes by one.
+  constexpr double kFirstStep = 0.1;
+  Point start;
+  start.at = EdgeObjective::ParametersOf(axis, shape);
+  for (size_t i = 0; i < kParameters; ++i) start.inverse_hessian[i][i] = kFirstStep;
+  glm::dmat2 metric = objective.AxisMetric(axis);
+  metric = glm::inverse(metric + 1e-6 * (metric[0][0] + metric[1][1]) * glm::dmat2(1.0));
+  for (glm::length_t i = 0; i < 2; ++i) {
+    for (glm::length_t j = 0; j < 2; ++j) {
+      start.inverse_hessian[static_cast<size_t>(i)][static_cast<size_t>(j)] = kFirstStep * metric[i][j];
     }
   }
-  return *std::min_element(simplex.begin(), simplex.end(), ByCost);
+  return start;
+}
+
+/// Descends over the axis and the parallelogram together.
+Point Descend(EdgeObjective& objective, Point start, int most_evaluations, double tolerance) {
+  start.value = objective.Evaluate(start.at, &start.gradient);
+  if (!std::isfinite(start.value)) return start;
+  const auto evaluate = [&](const EdgeObjective::Parameters& at, EdgeObjective::Parameters* gradient) {
+    return objective.Evaluate(at, gradient);
+  };
+  return DescendQuasiNewton(evaluate, start, most_evaluations, tolerance);
 }
 
 }  // namespace
@@ -114,53 +89,56 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   EdgeFit search(probes, problem.map_size, options.free_aspect);
 
   // A ring search over the chart, then descents from the best of it.
-  std::vector<Candidate> starts;
-  starts.push_back({glm::dvec2(0.0), search.Evaluate(glm::dvec2(0.0), EdgeFit::kCoarse)});
+  struct Start {
+    glm::dvec2 axis;
+    EdgeFit::Result result;
+  };
+  std::vector<Start> starts;
+  const auto add = [&](const glm::dvec2& axis) {
+    starts.push_back({axis, search.Evaluate(axis, EdgeFit::kCoarse)});
+  };
+  add(glm::dvec2(0.0));
   for (const double radius : {1.0, 2.2}) {
     for (int k = 0; k < options.search_directions; ++k) {
       const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / options.search_directions;
-      const glm::dvec2 y = radius * glm::dvec2(std::cos(angle), std::sin(angle));
-      starts.push_back({y, search.Evaluate(chart.AxisAt(y), EdgeFit::kCoarse)});
+      add(chart.AxisAt(radius * glm::dvec2(std::cos(angle), std::sin(angle))));
     }
   }
   if (problem.previous != nullptr) {
     // A row vector h of ray space is h T^-1 in whitened coordinates.
     const glm::dvec3 axis =
         glm::transpose(glm::inverse(samples.whitened_from_ray)) * problem.previous->Axis();
-    if (axis.z > 0.0) {
-      const glm::dvec2 y = chart.ChartOf(glm::dvec2(axis) / axis.z);
-      starts.push_back({y, search.Evaluate(chart.AxisAt(y), EdgeFit::kCoarse)});
-    }
+    if (axis.z > 0.0) add(glm::dvec2(axis) / axis.z);
   }
-  std::sort(starts.begin(), starts.end(), ByCost);
-  EdgeFit final_fit(samples, problem.map_size, options.free_aspect);
-  Candidate best;
+  std::sort(starts.begin(), starts.end(),
+            [](const Start& a, const Start& b) { return a.result.cost < b.result.cost; });
+  EdgeObjective probe_objective(probes, problem.map_size, options.free_aspect);
+  EdgeObjective objective(samples, problem.map_size, options.free_aspect);
+  Point best;
   const size_t descents = std::min(starts.size(), static_cast<size_t>(options.descents));
   for (size_t i = 0; i < descents; ++i) {
-    Candidate found =
-        Descend(search, EdgeFit::kMedium, chart, starts[i], 0.5, options.evaluations_per_descent, 2e-3);
-    found.result = final_fit.EvaluateNear(chart.AxisAt(found.y), found.result.shape);
-    if (i == 0 || found.result.cost < best.result.cost) best = found;
+    const Point start = StartAt(starts[i].axis, starts[i].result.shape, probe_objective);
+    const Point found = Descend(probe_objective, start, options.evaluations_per_descent, 1e-3);
+    if (i == 0 || found.value < best.value) best = found;
   }
-  if (options.evaluations_to_polish > 0) {
-    best = Descend(final_fit, EdgeFit::kFine, chart, best, 0.1, options.evaluations_to_polish, 5e-4);
-  }
+  best = Descend(objective, best, options.evaluations_to_polish, 2e-4);
+  const glm::dvec2 axis = EdgeObjective::AxisOf(best.at);
+  const AffineShape shape = EdgeObjective::ShapeOf(best.at);
 
   SingleMapFit fit;
   fit.complete = hull.complete;
+  const double cost = std::exp(best.value);
   // Sums of costs stay finite.
   constexpr double kMostCost = 1e60;
-  fit.usable =
-      fit.complete && best.result.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
-  fit.cost = std::min(best.result.cost, kMostCost);
+  fit.usable = fit.complete && cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
+  fit.cost = std::min(cost, kMostCost);
   for (const BoundarySamples* boundary : {&problem.samples->boundary, &problem.samples->rough_boundary}) {
     for (const double length : boundary->length) fit.edge_length += length;
   }
-  fit.evaluations = search.evaluations() + final_fit.evaluations();
-  fit.projection.size = final_fit.SizeOf(best.result.shape);
+  fit.evaluations = search.evaluations() + probe_objective.evaluations() + objective.evaluations();
+  fit.projection.size = search.SizeOf(shape);
   fit.projection.texel_from_ray =
-      WithUnitAxis(final_fit.TexelFromWhitened(chart.AxisAt(best.y), best.result.shape, fit.projection.size) *
-                   samples.whitened_from_ray);
+      WithUnitAxis(search.TexelFromWhitened(axis, shape, fit.projection.size) * samples.whitened_from_ray);
   return fit;
 }
 

@@ -137,7 +137,7 @@ std::array<std::vector<float>*, 5> Arrays(WhitenedSamples* samples) {
 
 void PadToLanes(WhitenedSamples* samples) {
   for (std::vector<float>* lane : Arrays(samples)) {
-    lane->resize((lane->size() + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes, 0.0f);
+    lane->resize(PaddedToEdgeLanes(lane->size()), 0.0f);
   }
 }
 

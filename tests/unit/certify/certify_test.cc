@@ -7,52 +7,15 @@
 #include <numbers>
 #include <random>
 
-#include "core/math/convex_hull.h"
+#include "tests/support/whitened_samples.h"
 
 namespace shadowfit {
 namespace {
 
+using testing::RandomWhitenedSamples;
+using testing::Uniform;
+
 constexpr double kPi = std::numbers::pi;
-
-double Uniform(std::mt19937& random, double low, double high) {
-  return low + (high - low) * (static_cast<double>(random()) / 4294967296.0);
-}
-
-/// A polygon about the origin that a whitened hull might be, and edges that favour some direction and some
-/// part of the hull.
-WhitenedSamples RandomSamples(std::mt19937& random, int count) {
-  WhitenedSamples samples;
-  std::vector<glm::dvec2> points;
-  const int corners = 4 + static_cast<int>(random() % 12);
-  for (int i = 0; i < corners; ++i) {
-    const double angle = 2.0 * kPi * (i + Uniform(random, 0.0, 0.8)) / corners;
-    points.push_back(Uniform(random, 1.0, 2.2) * glm::dvec2(std::cos(angle), std::sin(angle)));
-  }
-  for (const int i : ConvexHull2(points)) samples.hull.push_back(points[static_cast<size_t>(i)]);
-  const double favoured = Uniform(random, 0.0, kPi);
-  const double spread = Uniform(random, 0.2, 2.0);
-  const glm::dvec2 slope(Uniform(random, -1.0, 1.0), Uniform(random, -1.0, 1.0));
-  while (samples.x.size() < static_cast<size_t>(count)) {
-    const size_t i = random() % samples.hull.size();
-    const glm::dvec2 a = samples.hull[i];
-    const glm::dvec2 b = samples.hull[(i + 1) % samples.hull.size()];
-    const glm::dvec2 x = (a + Uniform(random, 0.0, 1.0) * (b - a)) * std::sqrt(Uniform(random, 0.0, 1.0));
-    const double angle = favoured + spread * Uniform(random, -1.0, 1.0);
-    const double length = std::exp(glm::dot(slope, x)) * Uniform(random, 1.0, 20.0);
-    samples.x.push_back(static_cast<float>(x.x));
-    samples.y.push_back(static_cast<float>(x.y));
-    samples.e1.push_back(static_cast<float>(length * std::cos(angle)));
-    samples.e2.push_back(static_cast<float>(length * std::sin(angle)));
-    // The plane through light and edge holds the ray: e . p = 0.
-    samples.e3.push_back(static_cast<float>(-length * (std::cos(angle) * x.x + std::sin(angle) * x.y)));
-  }
-  while (samples.x.size() % 8 != 0) {
-    for (std::vector<float>* lane : {&samples.x, &samples.y, &samples.e1, &samples.e2, &samples.e3}) {
-      lane->push_back(0.0f);
-    }
-  }
-  return samples;
-}
 
 bool Sees(const WhitenedSamples& samples, const glm::dvec2& axis, double nearness = 0.02) {
   return std::all_of(samples.hull.begin(), samples.hull.end(),
@@ -64,7 +27,7 @@ TEST(LowerBound, IsNeverAboveACostInItsBox) {
   int useful = 0;
   int tested = 0;
   for (int trial = 0; trial < 3000; ++trial) {
-    const WhitenedSamples samples = RandomSamples(random, 60);
+    const WhitenedSamples samples = RandomWhitenedSamples(random, 60);
     const MapSize size{400, random() % 2 == 0 ? 400 : 250};
     const double scale = std::exp(Uniform(random, -5.0, 0.0));
     CertifiedBox box;
@@ -108,7 +71,7 @@ TEST(LowerBound, NearsTheCostWithTheSquareOfTheBox) {
   std::vector<double> ratios;
   std::vector<double> losses;
   for (int trial = 0; trial < 200; ++trial) {
-    const WhitenedSamples samples = RandomSamples(random, 200);
+    const WhitenedSamples samples = RandomWhitenedSamples(random, 200);
     const MapSize size{400, 400};
     CertifiedBox box;
     box.fan = random() % samples.hull.size();
@@ -168,7 +131,7 @@ TEST(Certify, BracketsBruteForce) {
   double slowest = 0.0;
   int64_t most_boxes = 0;
   for (int trial = 0; trial < 4; ++trial) {
-    const WhitenedSamples samples = RandomSamples(random, 400);
+    const WhitenedSamples samples = RandomWhitenedSamples(random, 400);
     const MapSize size{400, 400};
     const ShadowProjection searched = Searched(samples, size);
     const Certificate certificate =
@@ -202,7 +165,7 @@ TEST(Certify, BracketsBruteForce) {
 
 TEST(Certify, FindsWhatABadFitMissed) {
   std::mt19937 random(4);
-  const WhitenedSamples samples = RandomSamples(random, 300);
+  const WhitenedSamples samples = RandomWhitenedSamples(random, 300);
   const MapSize size{512, 256};
   EdgeFit fit(samples, size, false);
   const ShadowProjection bad{fit.TexelFromWhitened({0.0, 0.0}, {{1, 0}, {0.8, 0.6}, 1.0}, size), size};
@@ -216,7 +179,7 @@ TEST(Certify, FindsWhatABadFitMissed) {
 
 TEST(Certify, StopsInTimeAndWhenCancelled) {
   std::mt19937 random(5);
-  const WhitenedSamples samples = RandomSamples(random, 2000);
+  const WhitenedSamples samples = RandomWhitenedSamples(random, 2000);
   const MapSize size{400, 400};
   const ShadowProjection searched = Searched(samples, size);
   const Certificate late = Certify(samples, size, true, searched, {1e-6, 0.05}, Cancellation());
@@ -230,7 +193,7 @@ TEST(Certify, StopsInTimeAndWhenCancelled) {
 
 TEST(Certify, HasNothingToSayWithoutEdges) {
   std::mt19937 random(6);
-  WhitenedSamples samples = RandomSamples(random, 16);
+  WhitenedSamples samples = RandomWhitenedSamples(random, 16);
   std::fill(samples.e1.begin(), samples.e1.end(), 0.0f);
   std::fill(samples.e2.begin(), samples.e2.end(), 0.0f);
   std::fill(samples.e3.begin(), samples.e3.end(), 0.0f);
