@@ -12,9 +12,6 @@ namespace {
 // Sides closer to parallel than this make slivers that no metric asks for.
 constexpr double kLeastSine = 0.08;
 
-// A free aspect goes up to maps seven times as long as wide.
-constexpr double kMostStretch = 2.7;
-
 /// Rotations by pi/16 * 2^-k, the steps of the pattern search.
 struct Rotation {
   double cosine;
@@ -64,8 +61,8 @@ double SineBetweenSides(const AffineShape& shape) {
 }  // namespace
 
 bool IsAllowed(const AffineShape& shape) {
-  return SineBetweenSides(shape) >= kLeastSine && shape.stretch <= kMostStretch &&
-         shape.stretch * kMostStretch >= 1.0;
+  constexpr double kMost = kMostStretch * (1.0 + 1e-9);
+  return SineBetweenSides(shape) >= kLeastSine && shape.stretch <= kMost && shape.stretch * kMost >= 1.0;
 }
 
 EdgeFit::EdgeFit(const WhitenedSamples& samples, MapSize size, bool free_aspect)

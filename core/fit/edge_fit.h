@@ -20,7 +20,10 @@ struct AffineShape {
   double stretch = 1.0;
 };
 
-/// False for slivers and for maps much longer than wide, that no metric asks for.
+/// A free aspect goes up to maps seven times as long as wide.
+inline constexpr double kMostStretch = 2.7;
+
+/// False for slivers, that no metric asks for, and beyond kMostStretch.
 bool IsAllowed(const AffineShape& shape);
 
 /// Below this ratio of smallest to largest w over the hull the map's texels differ 250-fold in width across

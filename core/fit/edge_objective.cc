@@ -1,5 +1,6 @@
 #include "core/fit/edge_objective.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -9,6 +10,8 @@ namespace shadowfit {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+const double kMostLogStretch = std::log(kMostStretch);
 
 // Stands for the cost of a light without edges, and for the extent of a hull without width.
 constexpr double kLeastCost = 1e-30;
@@ -55,7 +58,9 @@ EdgeObjective::Parameters EdgeObjective::ParametersOf(const glm::dvec2& axis, co
 }
 
 AffineShape EdgeObjective::ShapeOf(const Parameters& at) {
-  return {{std::cos(at[2]), std::sin(at[2])}, {std::cos(at[3]), std::sin(at[3])}, std::exp(at[4])};
+  return {{std::cos(at[2]), std::sin(at[2])},
+          {std::cos(at[3]), std::sin(at[3])},
+          std::exp(std::clamp(at[4], -kMostLogStretch, kMostLogStretch))};
 }
 
 double EdgeObjective::Evaluate(const Parameters& at, Parameters* gradient) {
@@ -99,7 +104,7 @@ double EdgeObjective::Evaluate(const Parameters& at, Parameters* gradient) {
   *gradient = {per_axis.x, per_axis.y,
                glm::dot(f1, Across(b1)) + a2 * extent1.per_angle + (a1 + a2) * cotangent,
                glm::dot(f2, Across(b2)) + a1 * extent2.per_angle - (a1 + a2) * cotangent,
-               free_aspect_ ? a2 - a1 : 0.0};
+               free_aspect_ && std::abs(at[4]) <= kMostLogStretch ? a2 - a1 : 0.0};
   for (double& slope : *gradient) slope /= cost;
   return std::log(cost);
 }

@@ -19,7 +19,7 @@ namespace shadowfit {
 class EdgeObjective {
  public:
   /// The axis (alpha, beta) of whitened coordinates, the angles of the sides along map x and y in radians,
-  /// and the logarithm of AffineShape::stretch.
+  /// and the logarithm of AffineShape::stretch, beyond kMostStretch the same as at it.
   using Parameters = std::array<double, 5>;
 
   /// Borrows `samples`. Unless the aspect is free the slope along the last parameter is 0.

@@ -80,8 +80,10 @@ class Partitioner {
     // Enough to rank divisions; the maps that are kept are fitted in full.
     quick_.search_samples = 160;
     quick_.search_directions = 5;
+    quick_.starts = 1;
     quick_.descents = 1;
-    quick_.evaluations_per_descent = 12;
+    quick_.evaluations_per_start = 12;
+    quick_.evaluations_per_descent = 0;
     quick_.evaluations_to_polish = 0;
   }
 

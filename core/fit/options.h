@@ -64,11 +64,13 @@ struct DefaultOptions {
   int search_samples = 512;
   /// Axes on each of the two rings of the first search.
   int search_directions = 8;
-  /// Descents, from the best of the first search on.
+  /// The best of the first search start short descents, the best of those go on, and the best of all is
+  /// polished over all samples; each with this many evaluations at most.
+  int starts = 6;
+  int evaluations_per_start = 8;
   int descents = 2;
-  /// Evaluations that one descent may take, and the last one, over all samples.
-  int evaluations_per_descent = 40;
-  int evaluations_to_polish = 12;
+  int evaluations_per_descent = 30;
+  int evaluations_to_polish = 25;
 };
 
 struct Options {

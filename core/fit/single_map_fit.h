@@ -20,8 +20,8 @@ struct SingleMapFit {
   int evaluations = 0;
 };
 
-/// Global search over the axis, ring by ring and then by descent, at each axis over the enclosing
-/// parallelograms.
+/// The hull of what the map must hold, with the samples' footprints where one map holds those too, and the
+/// best map around it (SearchAxis).
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options);
 
 }  // namespace shadowfit

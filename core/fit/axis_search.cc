@@ -1,0 +1,127 @@
+#include "core/fit/axis_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <tuple>
+#include <vector>
+
+#include "core/fit/edge_fit.h"
+#include "core/fit/edge_objective.h"
+#include "core/fit/quasi_newton.h"
+
+namespace shadowfit {
+namespace {
+
+/// The dual cone without its rim. Valid axes (alpha, beta, 1) are the interior of the hull's polar dual, a
+/// convex polygon around the origin: along a direction d they reach to 1 / max(-d.v). The chart y = d (-ln(1
+/// - t)), t the share of that reach, maps it onto the whole plane: rings around the
+/// origin are even choices, and a step means the same factor of smallest w everywhere.
+class AxisChart {
+ public:
+  explicit AxisChart(const std::vector<glm::dvec2>& hull) : hull_(hull) {}
+
+  glm::dvec2 AxisAt(const glm::dvec2& y) const {
+    const double radius = glm::length(y);
+    if (!(radius > 0.0)) return glm::dvec2(0.0);
+    const glm::dvec2 d = y / radius;
+    return d * (Reach(d) * -std::expm1(-radius));
+  }
+
+ private:
+  double Reach(const glm::dvec2& d) const {
+    double most = 1e-9;
+    for (const glm::dvec2& v : hull_) most = std::max(most, -glm::dot(d, v));
+    return 1.0 / most;
+  }
+  const std::vector<glm::dvec2>& hull_;
+};
+
+constexpr size_t kParameters = std::tuple_size_v<EdgeObjective::Parameters>;
+using Point = DescentPoint<kParameters>;
+
+bool ByValue(const Point& a, const Point& b) { return a.value < b.value; }
+
+/// Gains of the cost's logarithm, step by step, below which a descent ends.
+constexpr double kSearchTolerance = 1e-3;
+constexpr double kTolerance = 2e-4;
+
+/// A parallelogram at an axis as the start of a descent.
+Point StartAt(const glm::dvec2& axis, const AffineShape& shape, const EdgeObjective& objective) {
+  // First steps are a tenth of a radian and of a factor e where the cost changes by one.
+  constexpr double kFirstStep = 0.1;
+  Point start;
+  start.at = EdgeObjective::ParametersOf(axis, shape);
+  for (size_t i = 0; i < kParameters; ++i) start.inverse_hessian[i][i] = kFirstStep;
+  glm::dmat2 metric = objective.AxisMetric(axis);
+  metric = glm::inverse(metric + 1e-6 * (metric[0][0] + metric[1][1]) * glm::dmat2(1.0));
+  for (glm::length_t i = 0; i < 2; ++i) {
+    for (glm::length_t j = 0; j < 2; ++j) {
+      start.inverse_hessian[static_cast<size_t>(i)][static_cast<size_t>(j)] = kFirstStep * metric[i][j];
+    }
+  }
+  return start;
+}
+
+/// Descends over the axis and the parallelogram together.
+Point Descend(EdgeObjective& objective, Point start, int most_evaluations, double tolerance) {
+  start.value = objective.Evaluate(start.at, &start.gradient);
+  if (!std::isfinite(start.value)) return start;
+  const auto evaluate = [&](const EdgeObjective::Parameters& at, EdgeObjective::Parameters* gradient) {
+    return objective.Evaluate(at, gradient);
+  };
+  return DescendQuasiNewton(evaluate, start, most_evaluations, tolerance);
+}
+
+}  // namespace
+
+AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const DefaultOptions& options,
+                            const std::optional<glm::dvec2>& previous_axis) {
+  const WhitenedSamples probes = Thin(samples, options.search_samples);
+  const AxisChart chart(samples.hull);
+  EdgeFit search(probes, size, options.free_aspect);
+
+  // A ring search over the chart, then descents from the best of it.
+  struct Start {
+    glm::dvec2 axis;
+    EdgeFit::Result result;
+  };
+  std::vector<Start> starts;
+  const auto add = [&](const glm::dvec2& axis) {
+    starts.push_back({axis, search.Evaluate(axis, EdgeFit::kCoarse)});
+  };
+  add(glm::dvec2(0.0));
+  for (const double radius : {1.0, 2.2}) {
+    for (int k = 0; k < options.search_directions; ++k) {
+      const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / options.search_directions;
+      add(chart.AxisAt(radius * glm::dvec2(std::cos(angle), std::sin(angle))));
+    }
+  }
+  if (previous_axis) add(*previous_axis);
+  std::sort(starts.begin(), starts.end(),
+            [](const Start& a, const Start& b) { return a.result.cost < b.result.cost; });
+  EdgeObjective probe_objective(probes, size, options.free_aspect);
+  std::vector<Point> points;
+  for (size_t i = 0; i < std::min(starts.size(), static_cast<size_t>(options.starts)); ++i) {
+    const Point start = StartAt(starts[i].axis, starts[i].result.shape, probe_objective);
+    points.push_back(Descend(probe_objective, start, options.evaluations_per_start, kSearchTolerance));
+  }
+  std::sort(points.begin(), points.end(), ByValue);
+  points.resize(std::min(points.size(), static_cast<size_t>(options.descents)));
+  for (Point& point : points) {
+    point = Descend(probe_objective, point, options.evaluations_per_descent, kSearchTolerance);
+  }
+  EdgeObjective objective(samples, size, options.free_aspect);
+  const Point best = Descend(objective, *std::min_element(points.begin(), points.end(), ByValue),
+                             options.evaluations_to_polish, kTolerance);
+
+  AxisSearchResult result;
+  const AffineShape shape = EdgeObjective::ShapeOf(best.at);
+  result.size = search.SizeOf(shape);
+  result.texel_from_whitened = search.TexelFromWhitened(EdgeObjective::AxisOf(best.at), shape, result.size);
+  result.cost = std::exp(best.value);
+  result.evaluations = search.evaluations() + probe_objective.evaluations() + objective.evaluations();
+  return result;
+}
+
+}  // namespace shadowfit
