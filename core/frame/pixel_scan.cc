@@ -19,7 +19,7 @@ using BitLanes = hn::RebindToUnsigned<Lanes>;
 
 /// One row of ScanDepth; `constant` holds the law's terms in y.
 void ScanDepthRow(const float* depth, int width, const InverseDistanceLaw& law, double constant,
-                  float* inverse_distance, VisibleDepths* visible) {
+                  float* window_depth, float* inverse_distance, VisibleDepths* visible) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto zero = hn::Zero(d);
@@ -49,6 +49,7 @@ void ScanDepthRow(const float* depth, int width, const InverseDistanceLaw& law, 
     const auto seen =
         hn::And(hn::And(hn::And(hn::Ge(value, zero), hn::Le(value, one)), hn::Ne(value, background)),
                 hn::Gt(inverse, least));
+    hn::StoreU(value, d, window_depth + x);
     hn::StoreU(hn::IfThenElse(seen, inverse, nothing), d, inverse_distance + x);
     smallest = hn::IfThenElse(seen, hn::Min(smallest, value), smallest);
     largest = hn::IfThenElse(seen, hn::Max(largest, value), largest);
@@ -59,42 +60,13 @@ void ScanDepthRow(const float* depth, int width, const InverseDistanceLaw& law, 
   visible->count += static_cast<int>(count);
 }
 
-/// One row of FindBoundaryCandidates, from the pixel with index `first` on; returns how many were found.
-size_t FindBoundaryCandidatesRow(const float* inverse_distance, const uint32_t* bits, std::ptrdiff_t stride,
-                                 std::ptrdiff_t first, int width, const BendTolerance& tolerance,
-                                 int32_t* candidates) {
-  const Lanes d;
-  const BitLanes db;
-  const auto relative = hn::Set(d, tolerance.relative);
-  const auto absolute = hn::Set(d, tolerance.absolute);
-  size_t found = 0;
-  for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(d))) {
-    const float* z = inverse_distance + first + x;
-    const auto here = hn::LoadU(d, z);
-    const auto allowed = hn::Add(hn::Mul(relative, here), absolute);
-    const auto bend = [&](std::ptrdiff_t step) {
-      return hn::Abs(hn::Add(hn::Sub(hn::LoadU(d, z - step), hn::Add(here, here)), hn::LoadU(d, z + step)));
-    };
-    // False beside NaN: pixels without a surface.
-    const auto smooth = hn::And(hn::Le(bend(1), allowed), hn::Le(bend(stride), allowed));
-    const uint32_t* b = bits + first + x;
-    const auto mine = hn::LoadU(db, b);
-    const auto difference =
-        hn::Or(hn::Or(hn::Xor(mine, hn::LoadU(db, b - 1)), hn::Xor(mine, hn::LoadU(db, b + 1))),
-               hn::Or(hn::Xor(mine, hn::LoadU(db, b - stride)), hn::Xor(mine, hn::LoadU(db, b + stride))));
-    const auto differs = hn::RebindMask(d, hn::Ne(difference, hn::Zero(db)));
-    const auto shadowed = hn::RebindMask(d, hn::Ne(mine, hn::Zero(db)));
-    const auto candidate = hn::And(hn::Eq(here, here), hn::Or(differs, hn::AndNot(smooth, shadowed)));
-    std::array<uint8_t, 8> mask_bytes{};
-    hn::StoreMaskBits(d, candidate, mask_bytes.data());
-    uint64_t mask;
-    std::memcpy(&mask, mask_bytes.data(), sizeof mask);
-    for (; mask != 0; mask &= mask - 1) {
-      const int lane = __builtin_ctzll(mask);
-      if (x + lane < width) candidates[found++] = static_cast<int32_t>(first + x + lane);
-    }
-  }
-  return found;
+void CopyBitsRow(const uint32_t* bits, int width, uint32_t lights, uint32_t* to) {
+  const BitLanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto kept = hn::Set(d, lights);
+  int x = 0;
+  for (; x + lanes <= width; x += lanes) hn::StoreU(hn::And(hn::LoadU(d, bits + x), kept), d, to + x);
+  for (; x < width; ++x) to[x] = bits[x] & lights;
 }
 
 /// 16 pixels at a time, of which of(x) gives a vector's mask.
@@ -135,28 +107,34 @@ HWY_AFTER_NAMESPACE();
 namespace shadowfit {
 
 HWY_EXPORT(ScanDepthRow);
-HWY_EXPORT(FindBoundaryCandidatesRow);
+HWY_EXPORT(CopyBitsRow);
 HWY_EXPORT(PackVisibleRow);
 HWY_EXPORT(PackLightRow);
+
+namespace {
+
+/// Clears the rim where the picture has another size.
+void Resize(const PixelPlanes& planes, PackedBits* packed) {
+  if (packed->width == planes.width && packed->height == planes.height) return;
+  packed->width = planes.width;
+  packed->height = planes.height;
+  packed->stride = planes.stride;
+  // A window around the last pixel reads four bytes from its first on.
+  packed->bytes.assign(planes.bits.size() / 8 + sizeof(uint32_t), 0);
+}
+
+}  // namespace
 
 void PixelPlanes::Resize(int new_width, int new_height) {
   // The rim stays as it is from frame to frame, and the rest is overwritten.
   if (width == new_width && height == new_height) return;
   width = new_width;
   height = new_height;
-  stride = width + 2 + kMostLanes;
-  const auto size = static_cast<size_t>(stride) * static_cast<size_t>(height + 2) + kMostLanes;
+  stride = kRimColumns + (width + kMostLanes - 1) / kMostLanes * kMostLanes;
+  const auto size = static_cast<size_t>(stride) * static_cast<size_t>(height + 2 * kRimRows) + kMostLanes;
+  window_depth.assign(size, 0.0f);
   inverse_distance.assign(size, std::numeric_limits<float>::quiet_NaN());
   bits.assign(size, 0);
-}
-
-void PackedBits::Resize(int width, int height) {
-  if (width_ == width && height_ == height) return;
-  width_ = width;
-  height_ = height;
-  // A window reads four bytes from its first on.
-  stride_ = static_cast<size_t>((width + kMostLanes - 1) / kMostLanes * kMostLanes / 8 + kBorder) + 4;
-  bytes_.assign(stride_ * static_cast<size_t>(height + 2 * kBorderRows), 0);
 }
 
 VisibleDepths ScanDepth(const DepthView& depth, const InverseDistanceLaw& law, PixelPlanes* planes) {
@@ -164,46 +142,35 @@ VisibleDepths ScanDepth(const DepthView& depth, const InverseDistanceLaw& law, P
   for (int y = 0; y < depth.height; ++y) {
     HWY_DYNAMIC_DISPATCH(ScanDepthRow)
     (depth.Row(y), depth.width, law, law.constant + law.per_y * y,
-     planes->inverse_distance.data() + planes->Index(0, y), &visible);
+     planes->window_depth.data() + planes->Index(0, y), planes->inverse_distance.data() + planes->Index(0, y),
+     &visible);
   }
   return visible;
 }
 
 void CopyBits(const BitsView& bits, uint32_t lights, PixelPlanes* planes) {
   for (int y = 0; y < bits.height; ++y) {
-    const uint32_t* row = bits.Row(y);
-    std::transform(row, row + bits.width, planes->bits.begin() + planes->Index(0, y),
-                   [lights](uint32_t value) { return value & lights; });
+    HWY_DYNAMIC_DISPATCH(CopyBitsRow)
+    (bits.Row(y), bits.width, lights, planes->bits.data() + planes->Index(0, y));
   }
 }
 
 void PackVisible(const PixelPlanes& planes, PackedBits* packed) {
-  packed->Resize(planes.width, planes.height);
+  Resize(planes, packed);
   for (int y = 0; y < planes.height; ++y) {
     HWY_DYNAMIC_DISPATCH(PackVisibleRow)
-    (planes.inverse_distance.data() + planes.Index(0, y), planes.width, packed->Row(y));
+    (planes.inverse_distance.data() + planes.Index(0, y), planes.width,
+     packed->bytes.data() + planes.Index(0, y) / 8);
   }
 }
 
 void PackLight(const PixelPlanes& planes, uint32_t light_bit, PackedBits* packed) {
-  packed->Resize(planes.width, planes.height);
+  Resize(planes, packed);
   for (int y = 0; y < planes.height; ++y) {
     HWY_DYNAMIC_DISPATCH(PackLightRow)
-    (planes.bits.data() + planes.Index(0, y), light_bit, planes.width, packed->Row(y));
+    (planes.bits.data() + planes.Index(0, y), light_bit, planes.width,
+     packed->bytes.data() + planes.Index(0, y) / 8);
   }
-}
-
-std::span<const int32_t> FindBoundaryCandidates(const PixelPlanes& planes, const BendTolerance& tolerance,
-                                                std::vector<int32_t>* scratch) {
-  const size_t pixels = static_cast<size_t>(planes.width) * static_cast<size_t>(planes.height);
-  if (scratch->size() < pixels) scratch->resize(pixels);
-  size_t found = 0;
-  for (int y = 0; y < planes.height; ++y) {
-    found += HWY_DYNAMIC_DISPATCH(FindBoundaryCandidatesRow)(
-        planes.inverse_distance.data(), planes.bits.data(), planes.stride, planes.Index(0, y), planes.width,
-        tolerance, scratch->data() + found);
-  }
-  return {scratch->data(), found};
 }
 
 }  // namespace shadowfit

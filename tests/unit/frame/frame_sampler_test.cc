@@ -1,11 +1,14 @@
 #include "core/frame/frame_sampler.h"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "tests/support/analytic_scene.h"
+#include "tests/unit/frame/plain_sampler.h"
 
 namespace shadowfit {
 namespace {
@@ -266,6 +269,104 @@ TEST(FrameSampler, AllThirtyTwoLightsAreSampledAlone) {
       EXPECT_EQ(alone[0].boundary.Ray(k), together[i].boundary.Ray(k));
       EXPECT_EQ(alone[0].boundary.length[k], together[i].boundary.length[k]);
     }
+  }
+}
+
+/// A frame of any size, seen through any camera, with holes in its depth and noise in its bits.
+OwnedFrame AnyFrame(std::mt19937& random) {
+  const auto convention = static_cast<ClipDepth>(random() % 3);
+  CameraMatrices matrices = testing::WalkThroughCamera(random, convention, Uniform(random, 0.5, 2.0));
+  if (random() % 4 == 0) {
+    const double size = Uniform(random, 2.0, 6.0);
+    matrices.clip_from_view = glm::orthoRH_NO(-size, size, -size, size, 0.1, 40.0);
+    matrices.clip_depth = ClipDepth::kNegativeOneToOne;
+  }
+  std::vector<LightRequest> lights;
+  for (uint32_t i = 0; i < 1 + random() % 4; ++i) lights.push_back(testing::RandomLight(random, i));
+  OwnedFrame frame =
+      testing::Draw(testing::RandomSpheres(random, 6), matrices, static_cast<int>(1 + random() % 80),
+                    static_cast<int>(1 + random() % 60), lights);
+  const bool holes = random() % 2 == 0;
+  const bool noise = random() % 2 == 0;
+  const float no_depths[] = {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(),
+                             1.5f, -0.5f};
+  for (size_t i = 0; i < frame.depth.size(); ++i) {
+    if (holes && random() % 30 == 0) frame.depth[i] = no_depths[random() % 4];
+    if (noise && random() % 10 == 0) frame.bits[i] ^= static_cast<uint32_t>(random());
+  }
+  if (random() % 8 == 0) frame.request.bits.reset();
+  return frame;
+}
+
+using Numbers = std::vector<double>;
+
+void Append(const BoundarySamples& samples, Numbers* numbers) {
+  numbers->push_back(static_cast<double>(samples.size()));
+  for (size_t i = 0; i < samples.size(); ++i) {
+    for (const glm::dvec3& v : {samples.Ray(i), samples.RayDx1(i), samples.RayDx2(i)}) {
+      numbers->insert(numbers->end(), {v.x, v.y, v.z});
+    }
+    numbers->insert(numbers->end(), {samples.q[i], samples.n1[i], samples.n2[i], samples.length[i],
+                                     samples.inverse_limit[i]});
+  }
+}
+
+Numbers AllNumbersOf(const LightSamples& samples) {
+  Numbers numbers = {static_cast<double>(samples.source), samples.pixels_per_sample};
+  Append(samples.boundary, &numbers);
+  Append(samples.rough_boundary, &numbers);
+  for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
+    for (const glm::dvec3& v : {samples.hull_rays[i], samples.hull_rays_dx1[i], samples.hull_rays_dx2[i]}) {
+      numbers.insert(numbers.end(), {v.x, v.y, v.z});
+    }
+    numbers.push_back(samples.hull_along_ray[i]);
+  }
+  return numbers;
+}
+
+TEST(FrameSampler, FindsWhatAPlainSamplerFinds) {
+  std::mt19937 random(8);
+  FrameSampler sampler;  // The same for frames of all sizes: what earlier ones leave does not matter.
+  size_t compared = 0;
+  for (int trial = 0; trial < 120; ++trial) {
+    const OwnedFrame frame = AnyFrame(random);
+    const Camera camera = *Camera::Create(frame.request.camera);
+    std::vector<RaySpace> spaces;
+    for (const LightRequest& light : frame.request.lights) spaces.push_back(*RaySpace::Create(light.light));
+    const MapSize screen{640, 480};
+    FrameExtent extent;
+    std::vector<LightSamples> samples;
+    sampler.Sample(camera, frame.request.depth, frame.request.bits, spaces, screen, &extent, &samples);
+    const std::vector<LightSamples> expected =
+        testing::SamplePlainly(camera, frame.request.depth, frame.request.bits, spaces, screen);
+    for (size_t light = 0; light < spaces.size(); ++light) {
+      const Numbers a = AllNumbersOf(samples[light]);
+      const Numbers b = AllNumbersOf(expected[light]);
+      ASSERT_EQ(a.size(), b.size()) << "trial " << trial << ", light " << light;
+      for (size_t i = 0; i < a.size(); ++i) {
+        ASSERT_NEAR(a[i], b[i], 1e-7 * (1.0 + std::abs(b[i]))) << "trial " << trial << ", number " << i;
+      }
+      compared += a.size();
+    }
+  }
+  EXPECT_GT(compared, 500'000u);
+}
+
+TEST(FrameSampler, SamplesAreTheSameOnEveryMachine) {
+  std::mt19937 random(9);
+  for (int trial = 0; trial < 20; ++trial) {
+    const OwnedFrame frame = AnyFrame(random);
+    std::vector<Numbers> first;
+    for (int64_t targets = hwy::SupportedTargets(); targets != 0; targets &= targets - 1) {
+      // Lower bits are better targets.
+      hwy::SetSupportedTargetsForTest(targets);
+      const std::vector<LightSamples> samples = Sample(frame, {640, 480});
+      std::vector<Numbers> numbers;
+      for (const LightSamples& light : samples) numbers.push_back(AllNumbersOf(light));
+      if (first.empty()) first = numbers;
+      EXPECT_EQ(numbers, first) << "targets " << targets;
+    }
+    hwy::SetSupportedTargetsForTest(0);
   }
 }
 

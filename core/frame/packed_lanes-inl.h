@@ -1,0 +1,44 @@
+// Picks some of several doubles at once, for Highway's per-target code: included once for each target.
+
+#if defined(SHADOWFIT_FRAME_PACKED_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SHADOWFIT_FRAME_PACKED_LANES_INL_H_
+#undef SHADOWFIT_FRAME_PACKED_LANES_INL_H_
+#else
+#define SHADOWFIT_FRAME_PACKED_LANES_INL_H_
+#endif
+
+#include <array>
+
+#include "core/math/double_lanes-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::HWY_NAMESPACE {
+
+using IndexLanes = hn::Rebind<int32_t, DoubleLanes>;
+using LongLanes = hn::RebindToSigned<DoubleLanes>;
+
+/// The same lanes of 32-bit numbers.
+HWY_INLINE hn::Mask<IndexLanes> Narrow(hn::Mask<DoubleLanes> mask) {
+  std::array<uint8_t, 8> bits{};
+  hn::StoreMaskBits(DoubleLanes(), mask, bits.data());
+  return hn::LoadMaskBits(IndexLanes(), bits.data());
+}
+
+/// Moves chosen lanes to the front, in their order. Highway's Compress does it for one vector; of doubles it
+/// looks its permutation up each time, where this does once for all vectors that are packed alike.
+class Packing {
+ public:
+  HWY_INLINE explicit Packing(hn::Mask<DoubleLanes> chosen)
+      : order_(hn::IndicesFromVec(
+            DoubleLanes(),
+            hn::PromoteTo(LongLanes(), hn::Compress(hn::Iota(IndexLanes(), 0), Narrow(chosen))))) {}
+  HWY_INLINE Doubles operator()(Doubles v) const { return hn::TableLookupLanes(v, order_); }
+
+ private:
+  decltype(hn::IndicesFromVec(DoubleLanes(), hn::Zero(LongLanes()))) order_;
+};
+
+}  // namespace shadowfit::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
