@@ -1,8 +1,8 @@
 // Time from a decoded frame to a light matrix, one thread, one light of the plaza seen through 180x180
 // samples: by the paper's optimizer and by the default one, with the number of boundary samples and of
-// objective evaluations. Beside them the method `normal`, which has no optimizer, so that what remains is
-// sampling, and the bare read of the two buffers, the least that any method can take. Then a frame of 32
-// lights on one thread and on two.
+// objective evaluations. Beside them the method `normal`, which has no optimizer; the samples alone, which
+// all methods begin with; and the bare read of the two buffers, the least that any method can take. Then a
+// frame of 32 lights on one thread and on two.
 //
 // Repetitions of all benchmarks are interleaved at random, so that a busy moment of the machine does not fall
 // on one of them: read the medians, and their ratios.
@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "core/fit/frame_optimizer.h"
+#include "core/frame/frame_sampler.h"
 #include "core/reference/study_setup.h"
 #include "core/reference/view_study.h"
 #include "core/scene/procedural.h"
@@ -127,6 +128,29 @@ void Optimize(benchmark::State& state, const FrameRequest& request, Method metho
   state.counters["predicted_pixels"] = light.predicted_misclassified_pixels;
 }
 
+void TakeSamples(benchmark::State& state, const FrameRequest& request, int threads) {
+  FrameSampler sampler;
+  FrameExtent extent;
+  std::vector<LightSamples> samples;
+  tbb::task_arena arena(threads);
+  for (auto _ : state) {
+    const absl::StatusOr<Camera> camera = Camera::Create(request.camera);
+    std::vector<RaySpace> ray_spaces;
+    for (const LightRequest& light : request.lights) ray_spaces.push_back(*RaySpace::Create(light.light));
+    arena.execute([&] {
+      sampler.Sample(*camera, request.depth, request.bits, ray_spaces, request.screen, &extent, &samples);
+    });
+  }
+  size_t boundary = 0;
+  size_t hull = 0;
+  for (const LightSamples& light : samples) {
+    boundary += light.boundary.size() + light.rough_boundary.size();
+    hull += light.hull_rays.size();
+  }
+  state.counters["boundary_samples"] = static_cast<double>(boundary);
+  state.counters["hull_samples"] = static_cast<double>(hull);
+}
+
 void ReadBuffers(benchmark::State& state, const FrameRequest& request) {
   const auto pixels = static_cast<size_t>(request.depth.width) * static_cast<size_t>(request.depth.height);
   for (auto _ : state) {
@@ -158,12 +182,15 @@ int Main(int argc, char** argv) {
       add(light->name + "/" + std::string(MethodName(method)),
           [request, method](benchmark::State& state) { Optimize(state, *request, method, 1); });
     }
+    add(light->name + "/samples", [request](benchmark::State& state) { TakeSamples(state, *request, 1); });
     add(light->name + "/read_buffers", [request](benchmark::State& state) { ReadBuffers(state, *request); });
   }
   for (const int threads : {1, 2}) {
     add("32_lights/default/threads:" + std::to_string(threads), [&study, threads](benchmark::State& state) {
       Optimize(state, (*study)->all_lights, Method::kDefault, threads);
     });
+    add("32_lights/samples/threads:" + std::to_string(threads),
+        [&study, threads](benchmark::State& state) { TakeSamples(state, (*study)->all_lights, threads); });
   }
   std::string interleave = "--benchmark_enable_random_interleaving=true";
   std::vector<char*> arguments(argv, argv + argc);
