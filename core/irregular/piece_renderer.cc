@@ -126,48 +126,27 @@ void PieceRenderer::CutIntoChunks(bool share_work) {
   }
 }
 
-/// With room for the projected samples of a part.
-PieceTask PieceRenderer::Scratch(const PieceTask& task, const Part& part,
-                                 AlignedBuffer<float>* values) const {
-  const size_t line_pixels = static_cast<size_t>(task.piece.strips()) * kStrip;
-  const size_t pixels = (part.lines.end - part.lines.begin) * line_pixels;
-  PieceTask with_scratch = task;
-  with_scratch.samples = {};
-  if (!values->Reserve(5 * (pixels + kStagger))) return with_scratch;
-  // Kernels count from the piece's first pixel.
-  const auto first = static_cast<std::ptrdiff_t>(part.lines.begin * line_pixels);
-  SampleArrays arrays = Arrays(values, pixels);
-  with_scratch.face_of = reinterpret_cast<uint32_t*>(arrays.error + pixels + kStagger) - first;
-  for (float** array : {&arrays.u, &arrays.v, &arrays.depth, &arrays.error}) *array -= first;
-  with_scratch.samples = arrays;
-  return with_scratch;
-}
-
-/// Looks at all samples of a part that is alone, and at some strips of each of several. False where memory
-/// runs out.
-bool PieceRenderer::SamplePart(const PieceTask& task, Part* part) {
-  const PieceTask scratch = Scratch(task, *part, &MyScratch());
-  if (scratch.samples.u == nullptr) return false;
+/// Looks at all samples of a part that is alone, and at some strips of each of several.
+void PieceRenderer::SamplePart(const PieceTask& task, Part* part) {
   const bool few = parts_.size() > 1;
-  ProjectSamples(scratch, part->lines, few ? kPlanStep : 1, &part->counts);
+  ProjectSamples(task, part->lines, few ? kPlanStep : 1, &part->counts);
   const auto strips = static_cast<size_t>(task.piece.strips());
   const size_t step = few ? kPlanStep : 2;
   for (size_t line = part->lines.begin; line < part->lines.end; ++line) {
     for (size_t i = FirstStrip(line, step); i < strips; i += step)
-      PlanStrip(scratch, line * strips + i, few ? 3 : 1, part);
+      PlanStrip(task, line * strips + i, few ? 3 : 1, part);
   }
-  return true;
 }
 
-void PieceRenderer::PlanStrip(const PieceTask& scratch, size_t strip, unsigned samples, Part* part) {
-  const auto present = static_cast<unsigned>(scratch.present[strip]);
+void PieceRenderer::PlanStrip(const PieceTask& task, size_t strip, unsigned samples, Part* part) {
+  const auto present = static_cast<unsigned>(task.present[strip]);
   if (present == 0) return;
   for (unsigned i = 0; i < samples; ++i) {
     const auto shift = static_cast<unsigned>((strip * 5 + i * 6) % kStrip);
     const unsigned later = present >> shift << shift;
     const size_t pixel = strip * kStrip + static_cast<size_t>(std::countr_zero(later != 0 ? later : present));
-    part->plan.push_back({scratch.samples.u[pixel], scratch.samples.v[pixel],
-                          scratch.face_count > 1 ? static_cast<int>(scratch.face_of[pixel]) : 0});
+    part->plan.push_back({task.samples.u[pixel], task.samples.v[pixel],
+                          task.face_count > 1 ? static_cast<int>(task.face_of[pixel]) : 0});
   }
 }
 
@@ -175,7 +154,6 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
   pixels_ = piece.strip_count() * kStrip;
   capacity_ = pixels_ + 2 * kWordBits * (static_cast<size_t>(pixels_ / kLeastOfBand) + 8);
   const size_t words = capacity_ / kWordBits + 2;
-  const size_t part_pixels = pixels_ / piece.lines() * LinesOfPart(piece, share_work);
   const bool transmit = request.output == MaskOutput::kTransmittance;
   const size_t threads =
       share_work ? static_cast<size_t>(std::max(tbb::this_task_arena::max_concurrency(), 1)) : 1;
@@ -183,7 +161,7 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
   // Of a band, if they are equal.
   const size_t band_samples = share_work ? capacity_ / (kBandsPerThread * threads) : capacity_;
   for (AlignedBuffer<float>& values : scratch_) {
-    if (!values.Reserve(5 * (std::max(part_pixels, band_samples) + kStagger))) return false;
+    if (!values.Reserve(4 * (band_samples + kStagger))) return false;
   }
   if (!share_work) {
     parts_.resize(std::max<size_t>(parts_.size(), 1));
@@ -191,9 +169,9 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
     if (!next_.Reserve(pixels_ / 2) || !cell_start_.Reserve(pixels_ / 2 + 1)) return false;
   }
   return present_.Reserve(piece.strip_count()) && facing_.Reserve(piece.strip_count()) &&
-         bits_.Reserve(piece.strip_count()) && place_.Reserve(pixels_) && sorted_.Reserve(4 * capacity_) &&
-         (request.method != MaskMethod::kBsp || bsp_values_.Reserve(4 * capacity_)) &&
-         shadow_.Reserve(words) && touched_.Reserve(words) && touched_twice_.Reserve(words) &&
+         bits_.Reserve(piece.strip_count()) && place_.Reserve(pixels_) && order_.Reserve(capacity_) &&
+         projected_.Reserve(5 * (pixels_ + kStagger)) && shadow_.Reserve(words) && touched_.Reserve(words) &&
+         touched_twice_.Reserve(words) &&
          (!transmit || absorbance_.Reserve(static_cast<size_t>(channels) * capacity_));
 }
 
@@ -269,19 +247,18 @@ bool PieceRenderer::Count(const PieceTask& task, bool share_work, const Cancella
     for (size_t p = chunks_[i].begin; p < chunks_[i].end; ++p) {
       if (cancellation != nullptr && cancellation->Requested()) return;
       Part& part = parts_[p];
-      const PieceTask scratch = Scratch(task, part, &MyScratch());
       if (parts_.size() > 1) {
         part.counts = SampleCounts();
-        ProjectSamples(scratch, part.lines, 1, &part.counts);
+        ProjectSamples(task, part.lines, 1, &part.counts);
       }
-      BinSamples(scratch, part.lines, histogram);
+      BinSamples(task, part.lines, histogram);
     }
   });
   return true;
 }
 
-/// False where memory runs out. Incomplete once cancelled.
-bool PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellation* cancellation) {
+/// Incomplete once cancelled.
+void PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellation* cancellation) {
   // What is skipped once cancelled must not be relied on.
   const auto cancelled = [cancellation] { return cancellation != nullptr && cancellation->Requested(); };
 
@@ -294,24 +271,19 @@ bool PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellat
       band.samples = std::accumulate(histogram + band.first_cell, histogram + band.end_cell, band.samples);
     }
   });
-  if (cancelled()) return true;
+  if (cancelled()) return;
   uint32_t at = 0;
   for (Band& band : bands_) {
-    const uint32_t first = at;
+    band.first_sample = at;
     at += band.samples;
     Face& face = faces_[static_cast<size_t>(band.face)];
-    if (band.row_begin == 0) face.first_sample = first;
+    if (band.row_begin == 0) face.first_sample = band.first_sample;
     face.end_sample = at;
-    // What is between bands is inside of nothing.
-    const uint32_t gap_end = (at + 2 * kWordBits - 1) / kWordBits * kWordBits;
-    std::fill(sorted_.data() + size_t{4} * at, sorted_.data() + size_t{4} * gap_end,
-              std::numeric_limits<float>::quiet_NaN());
-    at = gap_end;
-    band.samples = first;
+    at = (at + 2 * kWordBits - 1) / kWordBits * kWordBits;
   }
   end_sample_ = at;
   Each(share_work, bands_.size(), cancellation, [&](size_t i) {
-    uint32_t start = bands_[i].samples;
+    uint32_t start = bands_[i].first_sample;
     for (size_t cell = bands_[i].first_cell; cell < bands_[i].end_cell; ++cell) {
       cell_start_[cell] = start;
       for (size_t chunk = 0; chunk < chunks_.size(); ++chunk) {
@@ -320,34 +292,28 @@ bool PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellat
     }
   });
   cell_start_[cells_] = end_sample_;
-  if (cancelled()) return true;
+  if (cancelled()) return;
 
   // 2. Samples to their places.
   Each(share_work, chunks_.size(), cancellation, [&](size_t i) {
     for (size_t p = chunks_[i].begin; p < chunks_[i].end; ++p) {
       if (cancelled()) return;
-      const Part& part = parts_[p];
-      const PieceTask scratch = Scratch(task, part, &MyScratch());
-      SampleCounts again;
-      if (parts_.size() > 1) ProjectSamples(scratch, part.lines, 1, &again);
-      PlaceSamples(scratch, part.lines, next_.data() + i * cells_, sorted_.data());
+      PlaceSamples(task, parts_[p].lines, next_.data() + i * cells_, order_.data());
     }
   });
-  return true;
 }
 
 void PieceRenderer::SortByBsp(const PieceTask& task, const Cancellation* cancellation) {
-  bsp_place_.resize(end_sample_);
   for (int f = 0; f < task.face_count; ++f) {
     const Face& face = faces_[static_cast<size_t>(f)];
     if (!face.HasSamples()) continue;
     const uint32_t count = face.end_sample - face.first_sample;
+    uint32_t* const pixels = order_.data() + face.first_sample;
     bsp_uvd_.resize(count);
     bsp_order_.resize(count);
     for (uint32_t i = 0; i < count; ++i) {
-      const uint32_t s = face.first_sample + i;
-      const float* const sample = sorted_.data() + size_t{4} * s;
-      bsp_uvd_[i] = {sample[0], sample[1], sample[2]};
+      const uint32_t pixel = pixels[i];
+      bsp_uvd_[i] = {task.samples.u[pixel], task.samples.v[pixel], task.samples.depth[pixel]};
       bsp_order_[i] = i;
     }
     std::vector<BspNode>& nodes = bsp_[static_cast<size_t>(f)];
@@ -356,24 +322,17 @@ void PieceRenderer::SortByBsp(const PieceTask& task, const Cancellation* cancell
       node.first_sample += face.first_sample;
       node.end_sample += face.first_sample;
     }
+    bsp_pixels_.assign(pixels, pixels + count);
     for (uint32_t i = 0; i < count; ++i) {
-      const uint32_t s = face.first_sample + bsp_order_[i], at = face.first_sample + i;
-      bsp_place_[s] = at;
-      std::copy_n(sorted_.data() + size_t{4} * s, 4, bsp_values_.data() + size_t{4} * at);
-    }
-  }
-  std::swap(sorted_, bsp_values_);
-  for (size_t strip = 0; strip < task.piece.strip_count(); ++strip) {
-    for (unsigned left = task.present[strip]; left != 0; left &= left - 1) {
-      uint32_t& place = task.place[strip * kStrip + static_cast<size_t>(std::countr_zero(left))];
-      place = bsp_place_[place];
+      pixels[i] = bsp_pixels_[bsp_order_[i]];
+      task.place[pixels[i]] = face.first_sample + i;
     }
   }
 }
 
 /// False where memory runs out. Incomplete once cancelled.
 bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, const CasterBoxes& boxes,
-                             const CasterInput& casters, const Band& band) {
+                             const CasterInput& casters, const SampleArrays& projected, const Band& band) {
   const Face& face = faces_[static_cast<size_t>(band.face)];
   WalkTask task;
   task.frame = &plan.frame;
@@ -397,7 +356,7 @@ bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, 
   const size_t count = end_sample - first_sample;
   if (!values.Reserve(4 * (count + kStagger))) return false;
   task.samples = Arrays(&values, count);
-  SeparateSamples(sorted_.data() + 4 * first_sample, count, task.samples);
+  GatherSamples(projected, order_.data() + first_sample, band.samples, count, task.samples);
   const auto first = static_cast<std::ptrdiff_t>(first_sample);
   SampleArrays& arrays = task.samples;
   for (float** array : {&arrays.u, &arrays.v, &arrays.depth, &arrays.error}) *array -= first;
@@ -527,7 +486,8 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
   task.piece = piece;
   task.present = present_.data();
   task.facing = facing_.data();
-  task.samples = Arrays(&bsp_values_, capacity_);
+  task.samples = Arrays(&projected_, pixels_);
+  task.face_of = reinterpret_cast<uint32_t*>(task.samples.error + pixels_ + kStagger);
   task.place = place_.data();
   for (size_t f = 0; f < static_cast<size_t>(plan.face_count); ++f) {
     faces_[f].axis = plan.faces[f].axis;
@@ -535,12 +495,8 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
     std::copy_n(&plan.faces[f].rotation[0][0], 9, &faces_[f].rotation[0][0]);
   }
   CutIntoParts(piece, share_work);
-  std::atomic<bool> no_memory{false};
-  Each(share_work, parts_.size(), cancellation, [&](size_t i) {
-    if (!SamplePart(task, &parts_[i])) no_memory.store(true, std::memory_order_relaxed);
-  });
+  Each(share_work, parts_.size(), cancellation, [&](size_t i) { SamplePart(task, &parts_[i]); });
   if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
-  if (no_memory.load()) return out_of_memory();
   const auto add_counts = [this] {
     SampleCounts counts;
     for (const Part& part : parts_) counts.Add(part.counts);
@@ -555,14 +511,16 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
 
   MeasureFaces(plan, totals->counts);
   CutIntoBands(plan, share_work);
-  if (!Sort(task, share_work, cancellation)) return out_of_memory();
+  Sort(task, share_work, cancellation);
   if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
   if (request.method == MaskMethod::kBsp) SortByBsp(task, cancellation);
   if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
   totals->milliseconds.sort = watch.Lap();
 
+  std::atomic<bool> no_memory{false};
   Each(share_work, bands_.size(), cancellation, [&](size_t i) {
-    if (!WalkBand(request, plan, boxes, casters, bands_[i])) no_memory.store(true, std::memory_order_relaxed);
+    if (!WalkBand(request, plan, boxes, casters, task.samples, bands_[i]))
+      no_memory.store(true, std::memory_order_relaxed);
   });
   if (absl::Status status = CancelledStatus(cancellation); !status.ok()) return status;
   if (no_memory.load()) return out_of_memory();
@@ -583,11 +541,11 @@ size_t PieceRenderer::MemoryBytes() const {
   size_t bytes = 0;
   for (const AlignedBuffer<float>& values : scratch_) bytes += values.MemoryBytes();
   for (const Part& part : parts_) bytes += part.plan.capacity() * sizeof(PlanSample);
-  return bytes + bsp_values_.MemoryBytes() + present_.MemoryBytes() + facing_.MemoryBytes() +
-         bits_.MemoryBytes() + place_.MemoryBytes() + sorted_.MemoryBytes() + next_.MemoryBytes() +
+  return bytes + projected_.MemoryBytes() + present_.MemoryBytes() + facing_.MemoryBytes() +
+         bits_.MemoryBytes() + place_.MemoryBytes() + order_.MemoryBytes() + next_.MemoryBytes() +
          cell_start_.MemoryBytes() + shadow_.MemoryBytes() + touched_.MemoryBytes() +
          touched_twice_.MemoryBytes() + absorbance_.MemoryBytes() + bsp_uvd_.capacity() * sizeof(glm::vec3) +
-         (bsp_order_.capacity() + bsp_place_.capacity()) * sizeof(uint32_t);
+         (bsp_order_.capacity() + bsp_pixels_.capacity()) * sizeof(uint32_t);
 }
 
 }  // namespace shadowfit::irregular

@@ -85,23 +85,22 @@ class PieceRenderer {
     int face = 0;
     int row_begin = 0, row_end = 0;
     uint32_t first_cell = 0, end_cell = 0;
-    uint32_t samples = 0;
+    uint32_t first_sample = 0, samples = 0;
   };
 
   static size_t LinesOfPart(const Piece& piece, bool share_work);
   void CutIntoParts(const Piece& piece, bool share_work);
   void CutIntoChunks(bool share_work);
-  PieceTask Scratch(const PieceTask& task, const Part& part, AlignedBuffer<float>* values) const;
-  bool SamplePart(const PieceTask& task, Part* part);
-  static void PlanStrip(const PieceTask& scratch, size_t strip, unsigned samples, Part* part);
+  void SamplePart(const PieceTask& task, Part* part);
+  static void PlanStrip(const PieceTask& task, size_t strip, unsigned samples, Part* part);
   void SetUpFaces(const LightPlan& plan, const SampleCounts& counts);
   void MeasureFaces(const LightPlan& plan, const SampleCounts& counts);
   bool Count(const PieceTask& task, bool share_work, const Cancellation* cancellation);
   void CutIntoBands(const LightPlan& plan, bool share_work);
-  bool Sort(const PieceTask& task, bool share_work, const Cancellation* cancellation);
+  void Sort(const PieceTask& task, bool share_work, const Cancellation* cancellation);
   void SortByBsp(const PieceTask& task, const Cancellation* cancellation);
   bool WalkBand(const MaskRequest& request, const LightPlan& plan, const CasterBoxes& boxes,
-                const CasterInput& casters, const Band& band);
+                const CasterInput& casters, const SampleArrays& projected, const Band& band);
   size_t CountUndecided() const;
   size_t Resolve(const PieceTask& task, const Lines& lines, int channels, const MaskImages& images);
   void ResolveColours(const PieceTask& task, const Lines& lines, int channels, const MaskImages& images);
@@ -120,19 +119,18 @@ class PieceRenderer {
   std::vector<glm::vec2> uv_;
   AlignedBuffer<uint16_t> present_, facing_, bits_;
   AlignedBuffer<uint32_t> place_;
-  /// A part's projected samples; where there are several, they are projected again when they are needed
-  /// again.
-  std::vector<AlignedBuffer<float>> scratch_;  ///< One a thread of those that share the work.
-  AlignedBuffer<float> sorted_;                ///< Four numbers a sample.
+  AlignedBuffer<float> projected_;  ///< Samples by pixel: SampleArrays, then their faces.
+  AlignedBuffer<uint32_t> order_;   ///< Pixel of each sorted sample.
+  std::vector<AlignedBuffer<float>>
+      scratch_;  ///< A band's sorted samples, of each thread that shares the work.
   AlignedBuffer<uint32_t> next_, cell_start_;
   // Answers, per sorted sample.
   AlignedBuffer<uint32_t> shadow_, touched_, touched_twice_;
   AlignedBuffer<uint32_t> absorbance_;  ///< Channel after channel.
   // For the BSP.
-  AlignedBuffer<float> bsp_values_;
   std::array<std::vector<BspNode>, 6> bsp_;
   std::vector<glm::vec3> bsp_uvd_;
-  std::vector<uint32_t> bsp_order_, bsp_place_;
+  std::vector<uint32_t> bsp_order_, bsp_pixels_;
 };
 
 }  // namespace shadowfit::irregular

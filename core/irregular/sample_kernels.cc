@@ -10,7 +10,6 @@
 #define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/irregular/sample_kernels.cc"
-#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -459,36 +458,37 @@ void BinSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* histogr
   });
 }
 
-void PlaceSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* next, float* sorted) {
-  const SampleArrays& from = task.samples;
-  const hn::FixedTag<float, 4> sample;
-  HWY_ALIGN float samples[4 * kStrip];
+void PlaceSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* next, uint32_t* order) {
   ForEachStrip(task, lines, [&](size_t strip) HWY_ATTR {
-    const uint32_t present = task.present[strip];
-    if (present == 0) return;
-    const size_t first = strip * kStrip;
-    for (size_t i = 0; i < kStrip; i += kLanes) {
-      hn::StoreInterleaved4(hn::Load(df, from.u + first + i), hn::Load(df, from.v + first + i),
-                            hn::Load(df, from.depth + first + i), hn::Load(df, from.error + first + i), df,
-                            samples + 4 * i);
-    }
-    uint32_t* const place = task.place + first;
-    ForEachPresent(present, [&](size_t i) HWY_ATTR {
+    uint32_t* const place = task.place + strip * kStrip;
+    ForEachPresent(task.present[strip], [&](size_t i) HWY_ATTR {
       const uint32_t at = next[place[i]]++;
       place[i] = at;
-      hn::Store(hn::Load(sample, samples + 4 * i), sample, sorted + size_t{4} * at);
+      order[at] = static_cast<uint32_t>(strip * kStrip + i);
     });
   });
 }
 
-void SeparateSamplesImpl(const float* sorted, size_t count, const SampleArrays& samples) {
-  for (size_t i = 0; i < count; i += kLanes) {
-    VF u, v, depth, error;
-    hn::LoadInterleaved4(df, sorted + 4 * i, u, v, depth, error);
-    hn::Store(u, df, samples.u + i);
-    hn::Store(v, df, samples.v + i);
-    hn::Store(depth, df, samples.depth + i);
-    hn::Store(error, df, samples.error + i);
+void GatherSamplesImpl(const SampleArrays& from, const uint32_t* order, size_t count, size_t end,
+                       const SampleArrays& to) {
+  size_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    const VI pixels = hn::BitCast(di, hn::LoadU(du, order + i));
+    hn::Store(hn::GatherIndex(df, from.u, pixels), df, to.u + i);
+    hn::Store(hn::GatherIndex(df, from.v, pixels), df, to.v + i);
+    hn::Store(hn::GatherIndex(df, from.depth, pixels), df, to.depth + i);
+    hn::Store(hn::GatherIndex(df, from.error, pixels), df, to.error + i);
+  }
+  for (; i < count; ++i) {
+    const uint32_t pixel = order[i];
+    to.u[i] = from.u[pixel];
+    to.v[i] = from.v[pixel];
+    to.depth[i] = from.depth[pixel];
+    to.error[i] = from.error[pixel];
+  }
+  for (; i < end; ++i) {
+    to.u[i] = to.v[i] = to.depth[i] = std::numeric_limits<float>::quiet_NaN();
+    to.error[i] = 0.0f;
   }
 }
 
@@ -524,7 +524,7 @@ namespace shadowfit::irregular {
 HWY_EXPORT(ProjectSamplesImpl);
 HWY_EXPORT(BinSamplesImpl);
 HWY_EXPORT(PlaceSamplesImpl);
-HWY_EXPORT(SeparateSamplesImpl);
+HWY_EXPORT(GatherSamplesImpl);
 HWY_EXPORT(GatherAnswersImpl);
 
 SampleCounts::SampleCounts() {
@@ -557,12 +557,13 @@ void BinSamples(const PieceTask& task, const Lines& lines, uint32_t* histogram) 
   HWY_DYNAMIC_DISPATCH(BinSamplesImpl)(task, lines, histogram);
 }
 
-void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, float* sorted) {
-  HWY_DYNAMIC_DISPATCH(PlaceSamplesImpl)(task, lines, next, sorted);
+void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, uint32_t* order) {
+  HWY_DYNAMIC_DISPATCH(PlaceSamplesImpl)(task, lines, next, order);
 }
 
-void SeparateSamples(const float* sorted, size_t count, const SampleArrays& samples) {
-  HWY_DYNAMIC_DISPATCH(SeparateSamplesImpl)(sorted, count, samples);
+void GatherSamples(const SampleArrays& from, const uint32_t* order, size_t count, size_t end,
+                   const SampleArrays& to) {
+  HWY_DYNAMIC_DISPATCH(GatherSamplesImpl)(from, order, count, end, to);
 }
 
 size_t GatherAnswers(const PieceTask& task, const Lines& lines, const uint32_t* shadow, uint16_t* out) {

@@ -90,12 +90,14 @@ void ProjectSamples(const PieceTask& task, const Lines& lines, size_t step, Samp
 /// Finds the cell of each sample, and counts samples in `histogram` (of cells).
 void BinSamples(const PieceTask& task, const Lines& lines, uint32_t* histogram);
 
-/// Copies the samples to their places, four numbers a sample: a sample's one line of memory is fetched once.
-/// next[cell] is where the next sample of a cell goes.
-void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, float* sorted);
+/// Gives each sample its place: order[place] is its pixel. next[cell] is where the next sample of a cell
+/// goes.
+void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, uint32_t* order);
 
-/// Placed samples as arrays: `count` of them, rounded up to a multiple of kStrip.
-void SeparateSamples(const float* sorted, size_t count, const SampleArrays& samples);
+/// The samples of `count` pixels of a piece, one after the other; what follows them up to `end` lies inside
+/// of nothing.
+void GatherSamples(const SampleArrays& from, const uint32_t* order, size_t count, size_t end,
+                   const SampleArrays& to);
 
 /// The answers of strips, of which a bit per sorted sample is set in `shadow`. Returns how many bits are set.
 size_t GatherAnswers(const PieceTask& task, const Lines& lines, const uint32_t* shadow, uint16_t* out);
