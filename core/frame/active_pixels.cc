@@ -6,6 +6,7 @@
 #include <hwy/highway.h>
 
 #include "core/frame/bend_lanes-inl.h"
+#include "core/frame/number_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
@@ -47,7 +48,7 @@ void FindInRow(const PixelPlanes& planes, const BendTolerance& tolerance, int y,
     const auto smooth_x = smooth(0, 1);
     const auto smooth_y = smooth(0, planes.stride);
     const auto inner =
-        hn::RebindMask(d, hn::Eq(hn::And(hn::Iota(di, x), hn::Set(di, kInnerStride - 1)), inner_column));
+        hn::RebindMask(d, hn::Eq(hn::And(NumbersFrom(di, x), hn::Set(di, kInnerStride - 1)), inner_column));
     const auto settled = hn::AndNot(inner, hn::And(smooth_x, smooth_y));
     const auto here = hn::LoadU(d, distances);
     const auto visible = hn::Eq(here, here);
@@ -72,7 +73,7 @@ void FindInRow(const PixelPlanes& planes, const BendTolerance& tolerance, int y,
     const auto store = [&](hn::Vec<Words> v, LaneList<uint32_t>* to) {
       hn::StoreU(hn::Compress(v, hn::RebindMask(dw, chosen)), dw, to->data() + count);
     };
-    hn::StoreU(hn::Compress(hn::Iota(di, static_cast<int32_t>(first)), hn::RebindMask(di, chosen)), di,
+    hn::StoreU(hn::Compress(NumbersFrom(di, static_cast<int32_t>(first)), hn::RebindMask(di, chosen)), di,
                active->index.data() + count);
     for (size_t k = 0; k < 4; ++k) store(differences[k], &active->crossing[k]);
     store(goes_on, &active->continuous);

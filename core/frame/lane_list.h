@@ -1,5 +1,7 @@
 #pragma once
 
+#include <tbb/cache_aligned_allocator.h>
+
 #include <algorithm>
 #include <cstddef>
 #include <vector>
@@ -9,6 +11,10 @@ namespace shadowfit {
 /// The widest vector of 32-bit lanes that any code here uses: what may be touched beyond the end of a list or
 /// of a row of pixels.
 inline constexpr int kMostLanes = 16;
+
+/// Vectors that begin at a cache line do not straddle two.
+template <typename T>
+using AlignedVector = std::vector<T, tbb::cache_aligned_allocator<T>>;
 
 /// A list that is read and written a vector at a time. It keeps its memory, and never clears what it grows
 /// by.
@@ -40,7 +46,7 @@ class LaneList {
   }
 
  private:
-  std::vector<T> values_;
+  AlignedVector<T> values_;
   size_t size_ = 0;
 };
 

@@ -8,7 +8,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "core/frame/packed_lanes-inl.h"
+#include "core/frame/number_lanes-inl.h"
+#include "core/frame/pixel_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
@@ -60,7 +61,7 @@ void FindConcerned(const ActivePixels& active, uint32_t light_bit, LightPixels* 
     const auto store = [&](hn::Vec<decltype(di)> v, LaneList<int32_t>* to) {
       hn::StoreU(hn::Compress(v, concerned), di, to->data() + count);
     };
-    store(hn::Iota(di, static_cast<int32_t>(i)), &pixels->concerned);
+    store(NumbersFrom(di, static_cast<int32_t>(i)), &pixels->concerned);
     store(hn::Or(asked, hn::ShiftLeft<kContinuous>(continuous)), &pixels->marks);
     count += hn::CountTrue(di, concerned);
   }
@@ -77,20 +78,11 @@ void ConcernAll(size_t count, LightPixels* pixels) {
   pixels->concerned.Pad(0);
 }
 
-/// Elements of lists at some indices.
-struct Gather {
-  hn::Vec<LongLanes> indices;
-  explicit Gather(hn::Vec<IndexLanes> list) : indices(hn::PromoteTo(LongLanes(), list)) {}
-  Doubles operator()(const LaneList<double>& v) const { return hn::GatherIndex(Lanes(), v.data(), indices); }
-  Doubles3 operator()(const LaneList<double> (&v)[3]) const {
-    return {(*this)(v[0]), (*this)(v[1]), (*this)(v[2])};
-  }
-};
-
-HWY_INLINE Doubles CosineOf(const PixelSurfaces& surfaces, const Gather& gather, const RaySpace& ray_space) {
+/// With the normal; see LightPixels::cosine.
+HWY_INLINE Doubles CosineOf(const Doubles3& normal, const PixelSurfaces& surfaces, const Gather& gather,
+                            const RaySpace& ray_space) {
   const Lanes d;
   const Doubles3 direction = Set(ray_space.ws_direction());
-  const Doubles3 normal = gather(surfaces.ws_normal);
   if (ray_space.is_directional()) return hn::Neg(Dot(normal, direction));
   const Doubles3 from_light = Minus(gather(surfaces.ws_position), Set(ray_space.ws_position()));
   const Doubles distance = hn::Sqrt(Dot(from_light, from_light));
@@ -112,10 +104,10 @@ void FindCosines(const PixelSurfaces& surfaces, const RaySpace& ray_space, Light
   pixels->cosine.Resize(surfaces.size());
   for (size_t i = 0; i < pixels->concerned.size(); i += hn::Lanes(d)) {
     const Gather gather(hn::LoadU(IndexLanes(), pixels->concerned.data() + i));
-    const Doubles cosine = CosineOf(surfaces, gather, ray_space);
+    const Doubles3 normal = gather(surfaces.ws_normal);
+    const Doubles cosine = CosineOf(normal, surfaces, gather, ray_space);
     // At the light itself there is no direction to it, and nothing shines.
-    const Doubles normal = gather(surfaces.ws_normal[0]);
-    const auto undefined = hn::And(hn::IsNaN(cosine), hn::Eq(normal, normal));
+    const auto undefined = hn::And(hn::IsNaN(cosine), hn::Eq(normal.x, normal.x));
     hn::ScatterIndex(hn::IfThenElse(undefined, hn::Set(d, kUnlit), cosine), d, pixels->cosine.data(),
                      gather.indices);
   }

@@ -2,8 +2,6 @@
 
 namespace shadowfit {
 
-void BoundarySamples::Clear() { Resize(0); }
-
 void BoundarySamples::Resize(size_t count) {
   for (int k = 0; k < 3; ++k) {
     r[k].resize(count);
@@ -22,16 +20,6 @@ void BoundarySamples::Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, cons
                           double one_over_limit) {
   Resize(size() + 1);
   Set(size() - 1, ray, ray_dx1, ray_dx2, along_ray, normal, edge_length, one_over_limit);
-}
-
-void LightSamples::Clear() {
-  source = SampleSource::kNone;
-  boundary.Clear();
-  rough_boundary.Clear();
-  hull_rays.clear();
-  hull_along_ray.clear();
-  hull_rays_dx1.clear();
-  hull_rays_dx2.clear();
 }
 
 }  // namespace shadowfit

@@ -22,7 +22,6 @@ struct BoundarySamples {
   std::vector<double> inverse_limit;
 
   size_t size() const { return n1.size(); }
-  void Clear();
   void Resize(size_t count);
   void Set(size_t i, const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
            double along_ray, const glm::dvec2& normal, double edge_length, double one_over_limit = 0.0) {
@@ -72,8 +71,6 @@ struct LightSamples {
     const glm::dvec3 along1 = (corner & 1) != 0 ? hull_rays_dx1[i] : -hull_rays_dx1[i];
     return hull_rays[i] + 0.5 * (along1 + ((corner & 2) != 0 ? hull_rays_dx2[i] : -hull_rays_dx2[i]));
   }
-
-  void Clear();
 };
 
 }  // namespace shadowfit

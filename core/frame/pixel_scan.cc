@@ -10,6 +10,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "core/frame/number_lanes-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
 
@@ -41,7 +43,7 @@ void ScanDepthRow(const float* depth, int width, const InverseDistanceLaw& law, 
       source = tail.data();
     }
     const auto value = hn::LoadU(d, source);
-    const auto column = hn::Iota(d, static_cast<float>(x));
+    const auto column = NumbersFrom(d, static_cast<float>(x));
     const auto inverse =
         hn::Add(hn::Set(d, static_cast<float>(constant)),
                 hn::Add(hn::Mul(per_x, column), hn::Mul(per_depth, hn::Sub(value, background))));

@@ -37,9 +37,9 @@ struct PixelPlanes {
   int width = 0;
   int height = 0;
   std::ptrdiff_t stride = 0;
-  std::vector<float> window_depth;      ///< Meaningless where there is no surface.
-  std::vector<float> inverse_distance;  ///< NaN in the rim and where there is no surface.
-  std::vector<uint32_t> bits;           ///< 0 in the rim.
+  AlignedVector<float> window_depth;      ///< Meaningless where there is no surface.
+  AlignedVector<float> inverse_distance;  ///< NaN in the rim and where there is no surface.
+  AlignedVector<uint32_t> bits;           ///< 0 in the rim.
 
   void Resize(int new_width, int new_height);
   std::ptrdiff_t Index(int x, int y) const { return (y + kRimRows) * stride + x + kRimColumns; }

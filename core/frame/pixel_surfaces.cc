@@ -18,16 +18,14 @@ using FloatLanes = hn::Rebind<float, Lanes>;
 using IndexLanes = hn::Rebind<int32_t, Lanes>;
 static_assert(hn::MaxLanes(Lanes()) <= kMostLanes);
 
-HWY_INLINE void Store(const Doubles3& v, size_t i, LaneList<double> (&to)[3]) {
-  const Lanes d;
-  hn::StoreU(v.x, d, to[0].data() + i);
-  hn::StoreU(v.y, d, to[1].data() + i);
-  hn::StoreU(v.z, d, to[2].data() + i);
+HWY_INLINE void Store(const Doubles3& v, size_t i, LaneList<glm::dvec3>* to) {
+  static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
+  hn::StoreInterleaved3(v.x, v.y, v.z, Lanes(), &to->data()[i].x);
 }
 
 /// Elements of a plane around pixels.
 struct Around {
-  const std::vector<float>& plane;
+  const AlignedVector<float>& plane;
   hn::Vec<IndexLanes> indices;
   hn::Vec<FloatLanes> operator()(std::ptrdiff_t step) const {
     const IndexLanes di;
@@ -138,10 +136,10 @@ void Unproject(const Camera& camera, const PixelPlanes& planes, const BendTolera
     const Doubles3 towards_viewer = Minus(eye, Scaled(position, eye_w));
     const Doubles unit = hn::Div(one, length);
     const Doubles scale = hn::IfThenElse(hn::Lt(Dot(normal, towards_viewer), zero), hn::Neg(unit), unit);
-    Store(position, i, surfaces->ws_position);
-    Store(dx1, i, surfaces->ws_dx1);
-    Store(dx2, i, surfaces->ws_dx2);
-    Store(Scaled(normal, hn::IfThenElse(reliable, scale, nothing)), i, surfaces->ws_normal);
+    Store(position, i, &surfaces->ws_position);
+    Store(dx1, i, &surfaces->ws_dx1);
+    Store(dx2, i, &surfaces->ws_dx2);
+    Store(Scaled(normal, hn::IfThenElse(reliable, scale, nothing)), i, &surfaces->ws_normal);
   }
 }
 
@@ -154,9 +152,7 @@ namespace shadowfit {
 HWY_EXPORT(Unproject);
 
 void PixelSurfaces::Resize(size_t size) {
-  for (auto* vectors : {&ws_position, &ws_dx1, &ws_dx2, &ws_normal}) {
-    for (LaneList<double>& axis : *vectors) axis.Resize(size);
-  }
+  for (LaneList<glm::dvec3>* vectors : {&ws_position, &ws_dx1, &ws_dx2, &ws_normal}) vectors->Resize(size);
 }
 
 void UnprojectPixels(const Camera& camera, const PixelPlanes& planes, const BendTolerance& tolerance,

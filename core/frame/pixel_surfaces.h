@@ -2,7 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <vector>
+#include <glm/glm.hpp>
 
 #include "core/frame/camera.h"
 #include "core/frame/lane_list.h"
@@ -10,15 +10,16 @@
 
 namespace shadowfit {
 
-/// Surfaces of pixels in world space, structure of arrays; derivatives are per low-resolution pixel.
+/// Surfaces of pixels in world space; derivatives are per low-resolution pixel. Lights pick pixels here and
+/// there: what belongs together lies together.
 struct PixelSurfaces {
-  LaneList<double> ws_position[3];
-  LaneList<double> ws_dx1[3];
-  LaneList<double> ws_dx2[3];
+  LaneList<glm::dvec3> ws_position;
+  LaneList<glm::dvec3> ws_dx1;
+  LaneList<glm::dvec3> ws_dx2;
   /// Towards the viewer, unit length; NaN where the derivatives do not follow the surface.
-  LaneList<double> ws_normal[3];
+  LaneList<glm::dvec3> ws_normal;
 
-  size_t size() const { return ws_normal[0].size(); }
+  size_t size() const { return ws_normal.size(); }
   void Resize(size_t size);
 };
 

@@ -7,7 +7,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "core/frame/packed_lanes-inl.h"
+#include "core/frame/number_lanes-inl.h"
+#include "core/frame/pixel_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
@@ -68,7 +69,7 @@ class BoundaryFiller {
     const auto is_texture = hn::RebindMask(d, hn::Eq(pattern, hn::Set(LongLanes(), kTexture)));
     const auto texture =
         Narrow(hn::And(hn::FirstN(d, found), hn::Eq(packed(hn::IfThenElseZero(is_texture, one)), one)));
-    const auto places = hn::Iota(di, static_cast<int32_t>(count_));
+    const auto places = NumbersFrom(di, static_cast<int32_t>(count_));
     hn::StoreU(hn::Compress(places, texture), di, textures_.data() + texture_count_);
     texture_count_ += hn::CountTrue(di, texture);
     count_ += found;
@@ -105,11 +106,7 @@ void Fill(const PixelSurfaces& surfaces, const LightPixels& pixels, const LaneLi
   BoundaryFiller rough_boundary(pixels.rough_edges, directions, scale, scale.x * scale.y / 3.0 / 4.0,
                                 &samples->rough_boundary, &textures->rough_boundary);
   for (size_t i = 0; i < pixels.hull.size(); i += hn::Lanes(d)) {
-    const auto index = hn::PromoteTo(LongLanes(), hn::LoadU(IndexLanes(), pixels.hull.data() + i));
-    const auto gather = [&](const LaneList<double>(&v)[3]) {
-      return Doubles3{hn::GatherIndex(d, v[0].data(), index), hn::GatherIndex(d, v[1].data(), index),
-                      hn::GatherIndex(d, v[2].data(), index)};
-    };
+    const Gather gather(hn::LoadU(IndexLanes(), pixels.hull.data() + i));
     const Doubles3 position = gather(surfaces.ws_position);
     const Rays rays{Plus(Times(linear, position), offset), Times(linear, gather(surfaces.ws_dx1)),
                     Times(linear, gather(surfaces.ws_dx2)),

@@ -1,14 +1,16 @@
-// Picks some of several doubles at once, for Highway's per-target code: included once for each target.
+// Lists of pixels and what is gathered by them, several at once, for Highway's per-target code: included once
+// for each target.
 
-#if defined(SHADOWFIT_FRAME_PACKED_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
-#ifdef SHADOWFIT_FRAME_PACKED_LANES_INL_H_
-#undef SHADOWFIT_FRAME_PACKED_LANES_INL_H_
+#if defined(SHADOWFIT_FRAME_PIXEL_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SHADOWFIT_FRAME_PIXEL_LANES_INL_H_
+#undef SHADOWFIT_FRAME_PIXEL_LANES_INL_H_
 #else
-#define SHADOWFIT_FRAME_PACKED_LANES_INL_H_
+#define SHADOWFIT_FRAME_PIXEL_LANES_INL_H_
 #endif
 
 #include <array>
 
+#include "core/frame/lane_list.h"
 #include "core/math/double_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -16,6 +18,22 @@ namespace shadowfit::HWY_NAMESPACE {
 
 using IndexLanes = hn::Rebind<int32_t, DoubleLanes>;
 using LongLanes = hn::RebindToSigned<DoubleLanes>;
+
+/// Elements of lists at some indices.
+struct Gather {
+  hn::Vec<LongLanes> indices;
+  HWY_INLINE explicit Gather(hn::Vec<IndexLanes> list) : indices(hn::PromoteTo(LongLanes(), list)) {}
+  HWY_INLINE Doubles operator()(const LaneList<double>& v) const {
+    return hn::GatherIndex(DoubleLanes(), v.data(), indices);
+  }
+  HWY_INLINE Doubles3 operator()(const LaneList<glm::dvec3>& v) const {
+    const DoubleLanes d;
+    const double* first = &v.data()->x;
+    const auto triples = hn::Add(indices, hn::Add(indices, indices));
+    return {hn::GatherIndex(d, first, triples), hn::GatherIndex(d, first + 1, triples),
+            hn::GatherIndex(d, first + 2, triples)};
+  }
+};
 
 /// The same lanes of 32-bit numbers.
 HWY_INLINE hn::Mask<IndexLanes> Narrow(hn::Mask<DoubleLanes> mask) {
