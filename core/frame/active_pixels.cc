@@ -105,6 +105,13 @@ void ActivePixels::Resize(size_t size) {
   rim.Resize(size);
 }
 
+bool ActivePixels::Has(int32_t pixel) const {
+  if (size() == 0) return false;
+  // What is left there of earlier frames does not point back.
+  const auto place = static_cast<size_t>(place_of_index[static_cast<size_t>(pixel)]);
+  return place < size() && index[place] == pixel;
+}
+
 void FindActivePixels(const PixelPlanes& planes, const BendTolerance& tolerance, ActivePixels* active) {
   for (int y = 0; y < planes.height; ++y) {
     active->Reserve(active->size() + static_cast<size_t>(planes.width));
@@ -115,32 +122,6 @@ void FindActivePixels(const PixelPlanes& planes, const BendTolerance& tolerance,
   for (size_t i = 0; i < active->size(); ++i) {
     active->place_of_index[static_cast<size_t>(active->index[i])] = static_cast<int32_t>(i);
   }
-}
-
-void AddVisiblePixels(const PixelPlanes& planes, size_t stride, ActivePixels* active) {
-  active->place_of_index.resize(planes.bits.size());
-  const size_t before = active->size();
-  const auto is_active = [&](std::ptrdiff_t i) {
-    // What is left there of earlier frames does not point back.
-    const auto place = static_cast<size_t>(active->place_of_index[static_cast<size_t>(i)]);
-    return place < before && active->index[place] == i;
-  };
-  size_t seen = 0;
-  for (int y = 0; y < planes.height; ++y) {
-    for (int x = 0; x < planes.width; ++x) {
-      const std::ptrdiff_t i = planes.Index(x, y);
-      if (!planes.Visible(i)) continue;
-      const bool chosen = seen++ % stride == 0;
-      bool rim = false;
-      for (const std::ptrdiff_t step : planes.NeighbourSteps()) rim = rim || !planes.Visible(i + step);
-      if ((!chosen && !rim) || is_active(i)) continue;
-      active->index.Append(static_cast<int32_t>(i));
-      for (LaneList<uint32_t>& lights : active->crossing) lights.Append(0);
-      active->continuous.Append(0);
-      active->rim.Append(0);
-    }
-  }
-  active->index.Pad(static_cast<int32_t>(planes.Index(0, 0)));
 }
 
 }  // namespace shadowfit

@@ -21,10 +21,12 @@ struct ActivePixels {
   LaneList<uint32_t> continuous;  ///< Bit k: the surface goes on to neighbour k, which is visible.
   /// Lights whose shadow reaches the screen border or a discontinuity here, or that sample its inside here.
   LaneList<uint32_t> rim;
-  /// By index, of pixels that are active.
+  /// By index, of pixels that are active; meaningless of others.
   std::vector<int32_t> place_of_index;
 
   size_t size() const { return index.size(); }
+  /// Whether the pixel with this index is active.
+  bool Has(int32_t pixel) const;
   void Reserve(size_t size);
   void Resize(size_t size);
 };
@@ -32,9 +34,5 @@ struct ActivePixels {
 /// Finds the pixels at shadows' boundaries, at their rims and, every so often, inside of them. Most pixels
 /// are inside a lit or a shadowed region, and settled a vector at a time.
 void FindActivePixels(const PixelPlanes& planes, const BendTolerance& tolerance, ActivePixels* active);
-
-/// Adds, to stand in for shadow boundaries where there are none, every stride-th visible pixel, row by row,
-/// and those at the rim of a surface or of the screen: the latter make the hull.
-void AddVisiblePixels(const PixelPlanes& planes, size_t stride, ActivePixels* active);
 
 }  // namespace shadowfit

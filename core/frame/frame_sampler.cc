@@ -13,6 +13,7 @@
 #include "core/frame/pixel_scan.h"
 #include "core/frame/pixel_surfaces.h"
 #include "core/frame/sample_rays.h"
+#include "core/frame/visible_pixels.h"
 
 namespace shadowfit {
 namespace {
@@ -46,7 +47,8 @@ struct FrameSampler::Workspace {
   PixelPlanes planes;
   PackedBits visible;
   ActivePixels active;
-  PixelSurfaces surfaces;  ///< Of the active pixels.
+  VisiblePixels visible_pixels;
+  PixelSurfaces surfaces;  ///< Of the active pixels, or of the visible ones.
   TextureEdges texture_edges;
 
   // Lights are sampled side by side.
@@ -172,8 +174,8 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
   if (!all_served) {
     const size_t stride =
         std::max<size_t>(1, static_cast<size_t>(extent->visible_pixels) / kMostFallbackSamples);
-    AddVisiblePixels(work.planes, stride, &work.active);
-    UnprojectPixels(camera, work.planes, work.tolerance, work.active.index, &work.surfaces);
+    ListVisiblePixels(work.planes, work.active, stride, &work.visible_pixels);
+    UnprojectPixels(camera, work.planes, work.tolerance, work.visible_pixels.index, &work.surfaces);
     ForLights(ray_spaces.size(), [&](size_t i) {
       LightSamples& light = (*samples)[i];
       if (light.source == SampleSource::kShadowBoundary) return;

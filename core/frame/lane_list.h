@@ -16,8 +16,7 @@ inline constexpr int kMostLanes = 16;
 template <typename T>
 using AlignedVector = std::vector<T, tbb::cache_aligned_allocator<T>>;
 
-/// A list that is read and written a vector at a time. It keeps its memory, and never clears what it grows
-/// by.
+/// A list that is read and written a vector at a time, and keeps its memory.
 template <typename T>
 class LaneList {
  public:

@@ -78,7 +78,7 @@ void ConcernAll(size_t count, LightPixels* pixels) {
   pixels->concerned.Pad(0);
 }
 
-/// With the normal; see LightPixels::cosine.
+/// See LightPixels::cosine.
 HWY_INLINE Doubles CosineOf(const Doubles3& normal, const PixelSurfaces& surfaces, const Gather& gather,
                             const RaySpace& ray_space) {
   const Lanes d;

@@ -21,8 +21,8 @@ struct LightPixels {
   /// Active pixels that the light asks for, and what it asks them for.
   LaneList<int32_t> concerned;
   LaneList<int32_t> marks;
-  /// By active pixel, of those concerned: between its normal and its direction to the light. kUnlit outside a
-  /// spot's cone, NaN where the normal is not known.
+  /// By active pixel, of those concerned: between its normal and its direction to the light. Below -1 outside
+  /// a spot's cone, NaN where the normal is not known.
   LaneList<double> cosine;
 
   /// Of `concerned`, in that order: those that the map must hold.
