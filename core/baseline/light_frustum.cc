@@ -52,9 +52,9 @@ bool AllWithin(const glm::dvec3& axis, double cos_half_angle, std::span<const gl
 LightFrustum FrustumAroundSamples(const LightProblem& problem, const char* reason) {
   // With the samples' footprints where these still fit into one frustum: the shadow between samples is then
   // inside as well.
-  RayHull hull = MakeRayHull(problem, /*with_footprints=*/true);
+  RayHull hull = MakeRayHull(problem, HullOf::kShadow);
   if (!hull.complete || !AllWithin(hull.axis, kCosWidest, hull.vertices)) {
-    hull = MakeRayHull(problem, /*with_footprints=*/false);
+    hull = MakeRayHull(problem, HullOf::kSamples);
   }
   LightFrustum frustum;
   frustum.outcome = FitOutcome::kFallback;

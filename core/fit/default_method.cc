@@ -4,8 +4,10 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 #include "core/fit/map_partition.h"
+#include "core/fit/outer_samples.h"
 #include "core/fit/prediction.h"
 #include "core/fit/rescale_previous.h"
 
@@ -28,6 +30,15 @@ MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
   return {width, std::max(1, static_cast<int>(problem.map_size.texels() / width))};
 }
 
+/// What a kept matrix must hold.
+std::vector<glm::dvec3> ShadowRays(const LightSamples& samples) {
+  std::vector<glm::dvec3> rays;
+  for (const int32_t i : HullSamples(samples, HullOf::kShadow)) {
+    rays.push_back(samples.hull_rays[static_cast<size_t>(i)]);
+  }
+  return rays;
+}
+
 }  // namespace
 
 absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
@@ -36,7 +47,7 @@ absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
   if (partition.maps.size() == 1 && partition.maps[0].complete && problem.previous != nullptr &&
       options_.keep_within > 0.0) {
     const std::optional<ShadowProjection> kept =
-        RescaleToHold(*problem.previous, KeptSize(problem, options_), problem.samples->hull_rays, kBorder);
+        RescaleToHold(*problem.previous, KeptSize(problem, options_), ShadowRays(*problem.samples), kBorder);
     const std::array fresh = {partition.maps[0].projection};
     if (kept && PredictMisclassifiedPixels(*problem.samples, {&*kept, 1}) <=
                     options_.keep_within * PredictMisclassifiedPixels(*problem.samples, fresh)) {

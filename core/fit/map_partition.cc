@@ -44,6 +44,7 @@ std::vector<LightSamples> Divide(const LightSamples& samples, size_t parts,
     LightSamples& part = divided[part_of(samples.hull_rays[i])];
     part.hull_rays.push_back(samples.hull_rays[i]);
     part.hull_along_ray.push_back(samples.hull_along_ray[i]);
+    part.hull_in_shadow.push_back(samples.hull_in_shadow[i]);
     part.hull_rays_dx1.push_back(samples.hull_rays_dx1[i]);
     part.hull_rays_dx2.push_back(samples.hull_rays_dx2[i]);
   }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/fit/metric.h"
+#include "core/fit/outer_samples.h"
 #include "core/math/convex_hull.h"
 
 namespace shadowfit {
@@ -64,10 +65,11 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
   }
 }
 
-/// Share of the maps' texels that the hulls of the rays in them cover.
-double Fill(const std::vector<glm::dvec3>& rays, std::span<const ShadowProjection> projections) {
+/// Share of the maps' texels that the hulls of the shadow in them cover.
+double Fill(const LightSamples& samples, std::span<const ShadowProjection> projections) {
   std::vector<std::vector<glm::dvec2>> texels(projections.size());
-  for (const glm::dvec3& r : rays) {
+  for (const int32_t i : HullSamples(samples, HullOf::kShadow)) {
+    const glm::dvec3& r = samples.hull_rays[static_cast<size_t>(i)];
     const ShadowProjection* map = MapOf(r, projections);
     if (map == nullptr) continue;
     const glm::dvec3 u = map->TexelFromRay(r);
@@ -131,7 +133,7 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
   Add(camera, ray_space, samples.boundary, projections, screen, &sums);
   Add(camera, ray_space, samples.rough_boundary, projections, screen, &sums);
   if (!(sums.length > 0.0)) return quality;
-  const double fill = Fill(samples.hull_rays, projections);
+  const double fill = Fill(samples, projections);
   const double root_even = std::sqrt(sums.length / sums.per_area);
   quality.predicted_pixels = unsampled * sums.predicted;
   quality.unit_pixels = unsampled * kUnitPixelsPerLength * sums.length;

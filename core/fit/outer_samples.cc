@@ -87,21 +87,15 @@ constexpr size_t kMostSides = 32;
 /// Fewer samples than this need no second polygon.
 constexpr size_t kFew = 32;
 
-std::vector<int32_t> All(size_t count) {
-  std::vector<int32_t> all(count);
-  std::iota(all.begin(), all.end(), 0);
-  return all;
-}
-
 /// The chart in which the octagon is made: any in which all rays are in front.
-bool FrontPlane(const std::vector<glm::dvec3>& rays, size_t stride, bool directional, ImagePlane* plane) {
+bool FrontPlane(std::span<const glm::dvec3> probes, bool directional, ImagePlane* plane) {
   if (directional) {
     *plane = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     return true;
   }
   glm::dvec3 mean(0.0);
-  for (size_t i = 0; i < rays.size(); i += stride) {
-    if (const double length = glm::length(rays[i]); length > 0.0) mean += rays[i] / length;
+  for (const glm::dvec3& probe : probes) {
+    if (const double length = glm::length(probe); length > 0.0) mean += probe / length;
   }
   const double length = glm::length(mean);
   if (!(length > 0.0) || !std::isfinite(length)) return false;
@@ -182,26 +176,41 @@ std::vector<int32_t> OutsideOfTheirHull(const Rays& all, const ImagePlane& plane
 
 }  // namespace
 
-std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& ray_space,
-                                  bool with_footprints) {
-  const std::vector<glm::dvec3>& rays = samples.hull_rays;
-  const size_t stride = std::max<size_t>(1, rays.size() / kProbes);
-  ImagePlane plane;
-  if (rays.size() < 4 * kCorners || !FrontPlane(rays, stride, ray_space.is_directional(), &plane)) {
-    return All(rays.size());
+std::vector<int32_t> HullSamples(const LightSamples& samples, HullOf hull_of) {
+  std::vector<int32_t> chosen;
+  const size_t count = samples.hull_rays.size();
+  chosen.reserve(count);
+  if (hull_of == HullOf::kShadow) {
+    for (size_t i = 0; i < count; ++i) {
+      if (samples.hull_in_shadow[i] != 0) chosen.push_back(static_cast<int32_t>(i));
+    }
+    if (!chosen.empty()) return chosen;
   }
+  chosen.resize(count);
+  std::iota(chosen.begin(), chosen.end(), 0);
+  return chosen;
+}
+
+std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& ray_space, HullOf hull_of) {
+  const std::vector<glm::dvec3>& rays = samples.hull_rays;
+  std::vector<int32_t> chosen = HullSamples(samples, hull_of);
+  std::vector<glm::dvec3> probes;
+  const size_t stride = std::max<size_t>(1, chosen.size() / kProbes);
+  for (size_t i = 0; i < chosen.size(); i += stride) probes.push_back(rays[static_cast<size_t>(chosen[i])]);
+  ImagePlane plane;
+  if (chosen.size() < 4 * kCorners || !FrontPlane(probes, ray_space.is_directional(), &plane)) return chosen;
   constexpr std::array<std::array<double, 2>, kCorners> kAlong = {
       {{1, 0}, {1, 1}, {0, 1}, {-1, 1}, {-1, 0}, {-1, -1}, {0, -1}, {1, -1}}};
   std::array<double, kCorners> most;
   most.fill(-std::numeric_limits<double>::infinity());
   std::array<glm::dvec2, kCorners> corner;
   corner.fill(glm::dvec2(0.0));
-  for (size_t i = 0; i < rays.size(); i += stride) {
+  for (const glm::dvec3& probe : probes) {
     // Far from the axis the projection stretches too much to trust its rounding.
-    if (!(glm::dot(plane.axis, rays[i]) > 0.05 * glm::length(rays[i])) && !ray_space.is_directional()) {
-      return All(rays.size());
+    if (!(glm::dot(plane.axis, probe) > 0.05 * glm::length(probe)) && !ray_space.is_directional()) {
+      return chosen;
     }
-    const glm::dvec2 p = plane.Project(rays[i]);
+    const glm::dvec2 p = plane.Project(probe);
     for (size_t k = 0; k < kCorners; ++k) {
       const double along = kAlong[k][0] * p.x + kAlong[k][1] * p.y;
       if (along > most[k]) {
@@ -212,13 +221,17 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
   }
 
   const InnerPolygon octagon(plane, corner);
-  if (!octagon.HasArea()) return All(rays.size());
+  if (!octagon.HasArea()) return chosen;
+  const bool with_footprints = hull_of == HullOf::kShadow;
   const Rays all = {&rays, with_footprints ? &samples.hull_rays_dx1 : nullptr,
                     with_footprints ? &samples.hull_rays_dx2 : nullptr};
-  const std::vector<int32_t> outer = Outside(all, octagon);
+  std::vector<int32_t> outer = Outside(all, octagon);
+  if (chosen.size() < rays.size()) {
+    std::erase_if(outer, [&](int32_t i) { return samples.hull_in_shadow[static_cast<size_t>(i)] == 0; });
+  }
   if (!ray_space.is_directional()) {
     for (const int32_t i : outer) {
-      if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return All(rays.size());
+      if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return chosen;
     }
   }
   return outer.size() < kFew ? outer : OutsideOfTheirHull(all, plane, outer);

@@ -8,11 +8,19 @@
 
 namespace shadowfit {
 
-/// Indices of the hull samples that may be, or whose footprints may reach (`with_footprints`), a vertex of
-/// the samples' hull, in rising order. The others lie within an octagon of samples: most of a dense set are
-/// found in one vectorised pass (Akl and Toussaint's filter, on rays). All samples where they do not fit into
-/// a half space around their mean.
-std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& ray_space,
-                                  bool with_footprints);
+/// What of a light's hull samples a map is to hold.
+enum class HullOf {
+  kSamples,  ///< All of them, their centres: TR-07-07's used samples.
+  kShadow,   ///< The footprints of those in shadow; of all where none is.
+};
+
+/// Those that HullOf asks for, in rising order.
+std::vector<int32_t> HullSamples(const LightSamples& samples, HullOf hull_of);
+
+/// Those of them that may be, or whose footprints may reach, a vertex of their hull. The others lie within a
+/// polygon of samples: most of a dense set are found in one vectorised pass over an octagon's sides (Akl and
+/// Toussaint's filter, on rays), most of the rest in one over their own hull's. All where they do not fit
+/// into a half space around their mean.
+std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& ray_space, HullOf hull_of);
 
 }  // namespace shadowfit

@@ -102,7 +102,7 @@ class AxisDescent {
 }  // namespace
 
 absl::StatusOr<LightFit> PaperMethod::Fit(const LightProblem& problem) const {
-  AxisDescent descent(problem, options_, MakeRayHull(problem, /*with_footprints=*/false));
+  AxisDescent descent(problem, options_, MakeRayHull(problem, HullOf::kSamples));
   const RayHull& hull = descent.hull();
   const glm::dmat3 ray_from_normalized = glm::inverse(hull.normalized_from_ray);
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <numeric>
 
 #include "core/fit/outer_samples.h"
 #include "core/math/convex_hull.h"
@@ -104,9 +103,10 @@ bool RayHull::Keeps(const glm::dvec3& normalized_ray) const {
          glm::dot(reduced_axis, normalized_ray) > std::cos(kReducedHalfAngle) * glm::length(normalized_ray);
 }
 
-RayHull MakeRayHull(const LightProblem& problem, bool with_footprints) {
+RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of) {
   const LightSamples& samples = *problem.samples;
-  std::vector<int32_t> chosen = OuterSamples(samples, *problem.ray_space, with_footprints);
+  const bool with_footprints = hull_of == HullOf::kShadow;
+  std::vector<int32_t> chosen = OuterSamples(samples, *problem.ray_space, hull_of);
   std::vector<glm::dvec3> rays;
   const auto hull_of_chosen = [&] {
     rays.clear();
@@ -126,10 +126,9 @@ RayHull MakeRayHull(const LightProblem& problem, bool with_footprints) {
     return MakeRayHull(*problem.ray_space, rays);
   };
   RayHull hull = hull_of_chosen();
-  if (!hull.complete && chosen.size() < samples.hull_rays.size()) {
+  if (!hull.complete) {
     // A part of the samples is kept, which inner samples are a part of too.
-    chosen.resize(samples.hull_rays.size());
-    std::iota(chosen.begin(), chosen.end(), 0);
+    chosen = HullSamples(samples, hull_of);
     hull = hull_of_chosen();
   }
   return hull;

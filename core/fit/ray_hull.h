@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/fit/light_problem.h"
+#include "core/fit/outer_samples.h"
 
 namespace shadowfit {
 
@@ -37,9 +38,9 @@ inline constexpr double kReducedHalfAngle = 1.3089969389957472;
 /// Never empty: without any finite ray the hull is the axis alone, and not complete.
 RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays);
 
-/// The rays of the samples or, where the light reaches nothing that is visible, of the scene's bounds; never
-/// empty. `with_footprints` adds the footprint corners of the samples.
-RayHull MakeRayHull(const LightProblem& problem, bool with_footprints);
+/// The rays of the samples, or of their footprints' corners, or, where the light reaches nothing that is
+/// visible, of the scene's bounds; never empty.
+RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of);
 
 /// Image-plane coordinates about a unit axis: v = (b1.r, b2.r) / (axis.r) with b1, b2 orthonormal to it.
 struct ImagePlane {

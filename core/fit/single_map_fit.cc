@@ -20,9 +20,9 @@ constexpr double kWidestHalfAngle = 1.3962634015954636;
 }  // namespace
 
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options) {
-  RayHull hull = MakeRayHull(problem, /*with_footprints=*/true);
+  RayHull hull = MakeRayHull(problem, HullOf::kShadow);
   if (!hull.complete) {
-    RayHull tight = MakeRayHull(problem, /*with_footprints=*/false);
+    RayHull tight = MakeRayHull(problem, HullOf::kSamples);
     if (tight.complete) hull = std::move(tight);
   }
   const WhitenedSamples samples = Whiten(problem, hull);

@@ -114,6 +114,11 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
   FindEdgePatterns(visible, light->bits, active.index, light->pixels.hull, &light->patterns);
   FillSamples(surfaces, light->pixels, light->patterns, edge_directions, pixels_per_sample, ray_space,
               &light->textures, samples);
+  samples->hull_in_shadow.resize(light->pixels.hull.size());
+  for (size_t i = 0; i < samples->hull_in_shadow.size(); ++i) {
+    const int32_t index = active.index[static_cast<size_t>(light->pixels.hull[i])];
+    samples->hull_in_shadow[i] = (planes.bits[static_cast<size_t>(index)] & light_bit) != 0 ? 1 : 0;
+  }
   texture_edges.Turn(&light->textures.boundary, ray_space.is_directional(), &samples->boundary);
   texture_edges.Turn(&light->textures.rough_boundary, ray_space.is_directional(), &samples->rough_boundary);
 }
@@ -123,6 +128,7 @@ void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightS
   FindLitPixels(surfaces, ray_space, &light->pixels, &light->lit);
   FillSamples(surfaces, light->pixels, light->patterns, edge_directions, pixels_per_sample, ray_space,
               &light->textures, samples);
+  samples->hull_in_shadow.assign(light->pixels.hull.size(), 1);  // Any of them may be.
   samples->boundary.Resize(2 * light->lit.size());
   for (size_t i = 0; i < light->lit.size(); ++i) {
     const auto at = static_cast<size_t>(light->lit[i]);

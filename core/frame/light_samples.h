@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <glm/glm.hpp>
 #include <vector>
 
@@ -61,6 +62,9 @@ struct LightSamples {
   BoundarySamples rough_boundary;
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.
+  /// Whether each is in shadow, 1 or 0; lit ones lie beside a shadow's edge. A map that does not hold these
+  /// gets nothing wrong.
+  std::vector<uint8_t> hull_in_shadow;
   /// Derivatives of the hull rays along screen x and y, per low-resolution pixel: with them the hull samples'
   /// footprints, the pixels themselves, over which the shadow that each stands for extends.
   std::vector<glm::dvec3> hull_rays_dx1;

@@ -187,7 +187,7 @@ absl::Status Bench(int lights) {
       problem.nearest_ndc_depth = extent.nearest_ndc_depth;
       problem.farthest_ndc_depth = extent.farthest_ndc_depth;
       problem.ws_scene_bounds = truth->ws_bounds();
-      const WhitenedSamples whitened = Whiten(problem, MakeRayHull(problem, /*with_footprints=*/true));
+      const WhitenedSamples whitened = Whiten(problem, MakeRayHull(problem, HullOf::kShadow));
       const Outcome standard = Default(whitened);
       const double target = standard.value * 1.001;
       const Outcome bobyqa = Minimize(nlopt::LN_BOBYQA, whitened, target);

@@ -115,6 +115,7 @@ OwnedProblem::OwnedProblem(const ProblemSetup& setup)
       const double angle = 0.7 * x + 1.3 * y;
       samples_.boundary.Add(ray, dr1, dr2, ray_space_.AlongRay(ws_point), {std::cos(angle), std::sin(angle)},
                             1.0);
+      samples_.hull_in_shadow.push_back(1);
       samples_.hull_rays_dx1.push_back(dr1);
       samples_.hull_rays_dx2.push_back(dr2);
     }

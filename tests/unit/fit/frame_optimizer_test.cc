@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/fit/outer_samples.h"
 #include "core/fit/rescale_previous.h"
 #include "core/frame/frame_sampler.h"
 #include "tests/support/analytic_scene.h"
@@ -40,7 +41,8 @@ std::vector<LightSamples> SamplesOf(const FrameRequest& request) {
 }
 
 /// Finite, not mirrored, w > 0 and inside the map for every hull sample, and equal in its 4x4 form.
-void ExpectUsable(const FrameRequest& request, const FrameSummary& summary, bool expect_containment = true) {
+/// Maps of the default method hold the shadow, the papers' all boundary samples.
+void ExpectUsable(const FrameRequest& request, const FrameSummary& summary, Method method) {
   const std::vector<LightSamples> samples = SamplesOf(request);
   ASSERT_EQ(summary.lights.size(), request.lights.size());
   for (size_t i = 0; i < summary.lights.size(); ++i) {
@@ -56,10 +58,11 @@ void ExpectUsable(const FrameRequest& request, const FrameSummary& summary, bool
       EXPECT_FALSE(light.note.empty());
       continue;
     }
-    if (!expect_containment) continue;
     std::vector<const LightMap*> maps = {&light};
     for (const LightMap& map : light.further_maps) maps.push_back(&map);
-    for (const glm::dvec3& ray : samples[i].hull_rays) {
+    for (const int32_t k :
+         HullSamples(samples[i], method == Method::kDefault ? HullOf::kShadow : HullOf::kSamples)) {
+      const glm::dvec3& ray = samples[i].hull_rays[static_cast<size_t>(k)];
       if (glm::length(ray) == 0.0) continue;  // The light itself.
       bool held = false;
       for (const LightMap* map : maps) {
@@ -117,7 +120,7 @@ TEST_P(EveryMethod, NoHullSampleFallsOutsideTheMapInTenThousandFrames) {
     const absl::Status status =
         optimizer.Optimize(frame.request, WithMethod(GetParam()), Cancellation(), &summary);
     ASSERT_TRUE(status.ok()) << status;
-    ASSERT_NO_FATAL_FAILURE(ExpectUsable(frame.request, summary)) << "trial " << trial;
+    ASSERT_NO_FATAL_FAILURE(ExpectUsable(frame.request, summary, GetParam())) << "trial " << trial;
   }
 }
 
@@ -215,7 +218,7 @@ TEST_P(EveryMethod, ServesOrStatesDegenerateConfigurations) {
     SCOPED_TRACE(c.name);
     OwnedFrame frame = StandardFrame({MakeLight(c.light)});
     const FrameSummary summary = Optimize(frame.request, GetParam());
-    ExpectUsable(frame.request, summary);
+    ExpectUsable(frame.request, summary, GetParam());
   }
 }
 
@@ -226,7 +229,7 @@ TEST_P(EveryMethod, ServesAllLitAllShadowedAndEmptyFrames) {
     SCOPED_TRACE("all lit");
     std::fill(frame.bits.begin(), frame.bits.end(), 0);
     const FrameSummary summary = Optimize(frame.request, GetParam());
-    ExpectUsable(frame.request, summary);
+    ExpectUsable(frame.request, summary, GetParam());
     EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kAllVisible);
     EXPECT_EQ(summary.lights[0].predicted_misclassified_pixels, 0.0);
   }
@@ -234,14 +237,14 @@ TEST_P(EveryMethod, ServesAllLitAllShadowedAndEmptyFrames) {
     SCOPED_TRACE("all shadowed");
     std::fill(frame.bits.begin(), frame.bits.end(), ~uint32_t{0});
     const FrameSummary summary = Optimize(frame.request, GetParam());
-    ExpectUsable(frame.request, summary);
+    ExpectUsable(frame.request, summary, GetParam());
     EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kAllVisible);
   }
   {
     SCOPED_TRACE("no bits");
     frame.request.bits.reset();
     const FrameSummary summary = Optimize(frame.request, GetParam());
-    ExpectUsable(frame.request, summary);
+    ExpectUsable(frame.request, summary, GetParam());
     EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kAllVisible);
   }
   {
@@ -250,14 +253,14 @@ TEST_P(EveryMethod, ServesAllLitAllShadowedAndEmptyFrames) {
          {1.0f, std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
       std::fill(frame.depth.begin(), frame.depth.end(), background);
       const FrameSummary summary = Optimize(frame.request, GetParam());
-      ExpectUsable(frame.request, summary);
+      ExpectUsable(frame.request, summary, GetParam());
       EXPECT_EQ(summary.lights[0].sample_source, SampleSource::kNone);
     }
   }
   {
     SCOPED_TRACE("one visible pixel");
     frame.depth[1000] = 0.9f;
-    ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+    ExpectUsable(frame.request, Optimize(frame.request, GetParam()), GetParam());
   }
 }
 
@@ -269,7 +272,7 @@ TEST_P(EveryMethod, ServesOneBoundarySample) {
     std::fill(frame.bits.begin(), frame.bits.end(), 0);
     frame.bits[pixel] = 3;
     const FrameSummary summary = Optimize(frame.request, GetParam());
-    ExpectUsable(frame.request, summary);
+    ExpectUsable(frame.request, summary, GetParam());
     for (const LightSummary& light : summary.lights) {
       if (light.sample_source != SampleSource::kShadowBoundary) continue;
       EXPECT_LE(light.boundary_samples, 9);
@@ -286,7 +289,7 @@ TEST_P(EveryMethod, ServesOneBoundarySample) {
     frame.depth[pixel] = depth[pixel];
     frame.depth[pixel + 1] = depth[pixel + 1];
     frame.bits[pixel] = 3;
-    ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+    ExpectUsable(frame.request, Optimize(frame.request, GetParam()), GetParam());
   }
 }
 
@@ -307,7 +310,7 @@ TEST_P(EveryMethod, ServesCollinearHulls) {
       visible += frame.depth[pixel] < 1.0f;
     }
     ASSERT_GT(visible, 10);
-    ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+    ExpectUsable(frame.request, Optimize(frame.request, GetParam()), GetParam());
   }
 }
 
@@ -345,7 +348,7 @@ TEST_P(EveryMethod, ServesSamplesOnOneRay) {
     for (const bool with_bits : {true, false}) {
       frame.request.bits.reset();
       if (with_bits) frame.request.bits = BottomFirst(frame.bits.data(), kSize, kSize);
-      ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+      ExpectUsable(frame.request, Optimize(frame.request, GetParam()), GetParam());
     }
   }
 }
@@ -356,7 +359,7 @@ TEST_P(EveryMethod, ServesThirtyTwoLights) {
   for (uint32_t i = 0; i < kMaxLights; ++i) lights.push_back(testing::RandomLight(random, i));
   OwnedFrame frame = StandardFrame(lights);
   const FrameSummary summary = Optimize(frame.request, GetParam());
-  ExpectUsable(frame.request, summary);
+  ExpectUsable(frame.request, summary, GetParam());
   // Each is fitted as it would be alone.
   for (const size_t i : {0U, 17U, 31U}) {
     OwnedFrame alone = StandardFrame({lights[i]});
@@ -398,7 +401,7 @@ TEST_P(EveryMethod, ServesACameraInsideAnObject) {
   OwnedFrame frame =
       testing::Draw(scene, testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 48, 48,
                     {MakeLight(PointLight{{3, 4, 9}}, 1), MakeLight(DirectionalLight{{0, 1, -1}}, 2)});
-  ExpectUsable(frame.request, Optimize(frame.request, GetParam()));
+  ExpectUsable(frame.request, Optimize(frame.request, GetParam()), GetParam());
 }
 
 TEST_P(EveryMethod, AnswersDependOnTheRequestAlone) {

@@ -26,6 +26,7 @@ LightSamples AllAround(std::mt19937& random, int count) {
     const glm::dvec3 other = 0.05 * glm::normalize(glm::cross(ray, across));
     samples.hull_rays.push_back(ray);
     samples.hull_along_ray.push_back(1.0);
+    samples.hull_in_shadow.push_back(1);
     samples.hull_rays_dx1.push_back(across);
     samples.hull_rays_dx2.push_back(other);
     const double angle = Uniform(random, 0.0, 6.283);
@@ -130,6 +131,7 @@ TEST(MapPartition, SharesTexelsWhereTheyGainMost) {
     const glm::dvec3 dy(0, 0.01, 0);
     samples.hull_rays.push_back(ray);
     samples.hull_along_ray.push_back(1.0);
+    samples.hull_in_shadow.push_back(1);
     samples.hull_rays_dx1.push_back(dx);
     samples.hull_rays_dx2.push_back(dy);
     const double angle = Uniform(random, 0.0, 6.283);

@@ -320,6 +320,7 @@ Numbers AllNumbersOf(const LightSamples& samples) {
       numbers.insert(numbers.end(), {v.x, v.y, v.z});
     }
     numbers.push_back(samples.hull_along_ray[i]);
+    numbers.push_back(samples.hull_in_shadow[i]);
   }
   return numbers;
 }

@@ -63,7 +63,7 @@ class PlainSampler {
       if (!differs && (Rim(p) & light) == 0) continue;
       const Facing facing = FacingOf(space, p);
       if (facing == Facing::kAway || (facing == Facing::kGrazing && !differs)) continue;
-      AddHull(space, p, &samples);
+      AddHull(space, p, (Bits(p) & light) != 0, &samples);
       if (facing != Facing::kGrazing) AddEdges(space, p, facing, light, &samples);
     }
     if (samples.boundary.size() > 0) samples.source = SampleSource::kShadowBoundary;
@@ -99,7 +99,7 @@ class PlainSampler {
     for (const Pixel& p : pixels) {
       const Facing facing = FacingOf(space, p);
       if (facing == Facing::kAway || facing == Facing::kGrazing) continue;
-      AddHull(space, p, &samples);
+      AddHull(space, p, true, &samples);
       if (facing != Facing::kTowards) continue;
       AddSample(samples, {1.0, 0.0}, 0.5 * scale_.y, 0.0, &samples.boundary);
       AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, 0.0, &samples.boundary);
@@ -206,8 +206,9 @@ class PlainSampler {
     return cosine > 0.0005 ? Facing::kTowards : cosine > 0.0 ? Facing::kGrazing : Facing::kAway;
   }
 
-  void AddHull(const RaySpace& space, Pixel p, LightSamples* samples) const {
+  void AddHull(const RaySpace& space, Pixel p, bool in_shadow, LightSamples* samples) const {
     const Surface surface = SurfaceOf(p);
+    samples->hull_in_shadow.push_back(in_shadow ? 1 : 0);
     samples->hull_rays.push_back(space.RayFromPoint(surface.position));
     samples->hull_along_ray.push_back(space.AlongRay(surface.position));
     samples->hull_rays_dx1.push_back(space.RayFromVector(surface.dx1));
