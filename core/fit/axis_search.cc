@@ -54,7 +54,8 @@ Point StartAt(const glm::dvec2& axis, const AffineShape& shape, const EdgeObject
   start.at = EdgeObjective::ParametersOf(axis, shape);
   for (size_t i = 0; i < kParameters; ++i) start.inverse_hessian[i][i] = kFirstStep;
   glm::dmat2 metric = objective.AxisMetric(axis);
-  metric = glm::inverse(metric + 1e-6 * (metric[0][0] + metric[1][1]) * glm::dmat2(1.0));
+  // A hull that is a line or a point has no measure of its own for all directions.
+  metric = glm::inverse(metric + (1e-6 * (metric[0][0] + metric[1][1]) + 1e-12) * glm::dmat2(1.0));
   for (glm::length_t i = 0; i < 2; ++i) {
     for (glm::length_t j = 0; j < 2; ++j) {
       start.inverse_hessian[static_cast<size_t>(i)][static_cast<size_t>(j)] = kFirstStep * metric[i][j];
@@ -73,38 +74,46 @@ Point Descend(EdgeObjective& objective, Point start, int most_evaluations, doubl
   return DescendQuasiNewton(evaluate, start, most_evaluations, tolerance);
 }
 
-}  // namespace
+struct Start {
+  glm::dvec2 axis;
+  EdgeFit::Result result;
+};
 
-AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const DefaultOptions& options,
-                            const std::optional<glm::dvec2>& previous_axis) {
-  const WhitenedSamples probes = Thin(samples, options.search_samples);
-  const AxisChart chart(samples.hull);
-  EdgeFit search(probes, size, options.free_aspect);
-
-  // A ring search over the chart, then descents from the best of it.
-  struct Start {
-    glm::dvec2 axis;
-    EdgeFit::Result result;
-  };
+/// Axes at the hull's centroid and on rings around it, with their best parallelograms, the best axis first.
+std::vector<Start> SearchRings(EdgeFit& fit, const std::vector<glm::dvec2>& hull, int directions,
+                               const std::optional<glm::dvec2>& previous_axis) {
+  const AxisChart chart(hull);
   std::vector<Start> starts;
   const auto add = [&](const glm::dvec2& axis) {
-    starts.push_back({axis, search.Evaluate(axis, EdgeFit::kCoarse)});
+    starts.push_back({axis, fit.Evaluate(axis, EdgeFit::kCoarse)});
   };
   add(glm::dvec2(0.0));
   for (const double radius : {1.0, 2.2}) {
-    for (int k = 0; k < options.search_directions; ++k) {
-      const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / options.search_directions;
+    for (int k = 0; k < directions; ++k) {
+      const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / directions;
       add(chart.AxisAt(radius * glm::dvec2(std::cos(angle), std::sin(angle))));
     }
   }
   if (previous_axis) add(*previous_axis);
   std::sort(starts.begin(), starts.end(),
             [](const Start& a, const Start& b) { return a.result.cost < b.result.cost; });
+  return starts;
+}
+
+}  // namespace
+
+AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const DefaultOptions& options,
+                            const std::optional<glm::dvec2>& previous_axis) {
+  const WhitenedSamples probes = Thin(samples, options.search_samples);
+  EdgeFit rings(probes, size, options.free_aspect);
+  std::vector<Start> starts = SearchRings(rings, samples.hull, options.search_directions, previous_axis);
+  starts.resize(std::min(starts.size(), static_cast<size_t>(options.starts)));
+
   EdgeObjective probe_objective(probes, size, options.free_aspect);
   std::vector<Point> points;
-  for (size_t i = 0; i < std::min(starts.size(), static_cast<size_t>(options.starts)); ++i) {
-    const Point start = StartAt(starts[i].axis, starts[i].result.shape, probe_objective);
-    points.push_back(Descend(probe_objective, start, options.evaluations_per_start, kSearchTolerance));
+  for (const Start& start : starts) {
+    points.push_back(Descend(probe_objective, StartAt(start.axis, start.result.shape, probe_objective),
+                             options.evaluations_per_start, kSearchTolerance));
   }
   std::sort(points.begin(), points.end(), ByValue);
   points.resize(std::min(points.size(), static_cast<size_t>(options.descents)));
@@ -117,10 +126,10 @@ AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const 
 
   AxisSearchResult result;
   const AffineShape shape = EdgeObjective::ShapeOf(best.at);
-  result.size = search.SizeOf(shape);
-  result.texel_from_whitened = search.TexelFromWhitened(EdgeObjective::AxisOf(best.at), shape, result.size);
+  result.size = rings.SizeOf(shape);
+  result.texel_from_whitened = rings.TexelFromWhitened(EdgeObjective::AxisOf(best.at), shape, result.size);
   result.cost = std::exp(best.value);
-  result.evaluations = search.evaluations() + probe_objective.evaluations() + objective.evaluations();
+  result.evaluations = rings.evaluations() + probe_objective.evaluations() + objective.evaluations();
   return result;
 }
 

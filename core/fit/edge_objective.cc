@@ -86,6 +86,7 @@ double EdgeObjective::Evaluate(const Parameters& at, Parameters* gradient) {
       EdgeCostAndSlopes(samples_.x.data(), samples_.y.data(), samples_.e1.data(), samples_.e2.data(),
                         samples_.e3.data(), samples_.x.size(), axis, rounded(b1).data(), rounded(b2).data());
   const double cost = static_cast<double>(slopes.cost);
+  if (!std::isfinite(cost)) return kInfinity;
   if (!(cost > kLeastCost)) {
     gradient->fill(0.0);
     return std::log(kLeastCost);

@@ -30,8 +30,9 @@ class EdgeObjective {
   static AffineShape ShapeOf(const Parameters& at);
 
   /// The natural logarithm of the expected misclassified pixels, so that steps and tolerances mean the same
-  /// for all lights, and its slopes; infinite (and `gradient` untouched) where the axis does not see the hull
-  /// or the parallelogram is a sliver (EdgeFit's limits). Without any edge it is that of a least cost.
+  /// for all lights, and its slopes; infinite (and `gradient` untouched) where the axis does not see the
+  /// hull, the parallelogram is a sliver (EdgeFit's limits) or the cost overflows. Without any edge it is
+  /// that of a least cost.
   double Evaluate(const Parameters& at, Parameters* gradient);
 
   /// Lengths of the axis are measured by what they do to w over the hull: the matrix M of the quadratic form

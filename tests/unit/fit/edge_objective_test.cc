@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -90,6 +91,16 @@ TEST(EdgeObjective, IsInfiniteWhereThereIsNoMap) {
   EXPECT_EQ(objective.Evaluate({0.0, 0.0, 0.0, right_angle, 2.0}, &gradient),
             objective.Evaluate({0.0, 0.0, 0.0, right_angle, 3.0}, &gradient));
   EXPECT_EQ(gradient[4], 0.0);
+}
+
+TEST(EdgeObjective, IsInfiniteWhereTheCostOverflows) {
+  std::mt19937 random(6);
+  for (const float extreme : {std::numeric_limits<float>::max(), std::numeric_limits<float>::quiet_NaN()}) {
+    WhitenedSamples samples = RandomWhitenedSamples(random, 100);
+    samples.e1[3] = extreme;
+    Parameters gradient;
+    EXPECT_TRUE(std::isinf(EdgeObjective(samples, {1, 1}, true).Evaluate({0, 0, 0.3, 1.9, 0}, &gradient)));
+  }
 }
 
 TEST(EdgeObjective, IsFiniteWithoutEdgesAndWithoutWidth) {
