@@ -447,8 +447,8 @@ void BinSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* histogr
         const VU face = hn::Load(du, task.face_of + strip * kStrip + i);
         cell = hn::Zero(di);
         for (int f = 0; f < task.face_count; ++f) {
-          if (!task.faces[f].HasSamples()) continue;
           const auto on = hn::Eq(face, hn::Set(du, static_cast<uint32_t>(f)));
+          if (hn::AllFalse(du, on)) continue;
           cell = hn::IfThenElse(hn::RebindMask(di, on), CellOf(task.faces[f], u, v), cell);
         }
       }

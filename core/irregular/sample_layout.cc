@@ -100,8 +100,9 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
   face->columns = static_cast<int>(std::clamp(samples / (wanted_rows * kSamplesOfCell), 1.0, kMostColumns));
 
   // 1. Bins of v, then rows of bins of about equal population.
-  face->v_origin = face->v_min;
-  const float height = face->v_max - face->v_min;
+  // A face of which no sample is known may get some all the same: they lie in the one row that there is.
+  face->v_origin = uv.empty() ? 0.0f : face->v_min;
+  const float height = uv.empty() ? 0.0f : face->v_max - face->v_min;
   face->v_scale = height > 0.0f ? std::min(static_cast<float>(kRowBins) / height, 1e30f) : 0.0f;
   face->row_of_bin.assign(kRowBins, 0);
   const auto bin_of = [face](float v) {

@@ -603,15 +603,11 @@ HWY_NOINLINE void TestBsp(const WalkTask& state, const Triangles& t, int triangl
   }
 }
 
-HWY_INLINE float DepthOf(bool directional, float w) {
-  if (directional) return w;
-  return w > 0.0f ? -1.0f / w : -kInfinity;
-}
-
 /// Clips a triangle that crosses the light's plane of this face, or spans very much of it, to the samples'
-/// rectangle in it: x <= u_max w and so on, which implies w >= 0. False where nothing is left.
-HWY_NOINLINE bool ClippedOutline(bool directional, const Face& face, const BlockSetup& setup, int lane,
-                                 Outline* outline, float* nearest) {
+/// rectangle in it: x <= u_max w and so on, which implies w >= 0. False where nothing is left. From corners
+/// in double precision: that of a plane which passes the light closely is lost in single precision.
+HWY_NOINLINE bool ClippedOutline(const LightFrame& frame, const Face& face, const float* geometry, int lane,
+                                 Outline* outline) {
   const auto pad = [](float low, float high) {
     return 1e-3 * (static_cast<double>(high) - static_cast<double>(low)) +
            64.0 * kUnitRoundoff * (1.0 + std::max(std::abs(low), std::abs(high)));
@@ -621,18 +617,28 @@ HWY_NOINLINE bool ClippedOutline(bool directional, const Face& face, const Block
                                {-1, 0, pad_u + face.u_max},
                                {0, 1, pad_v - face.v_min},
                                {0, -1, pad_v + face.v_max}};
-  glm::dvec4 polygon[8];  // x, y, w (1 where directional), and the coordinate that `nearest` measures
+  // A triangle becomes one of seven corners at most; but rounding lets the edges of one that is hardly more
+  // than a line cross a plane again and again.
+  constexpr int kMost = 7;
+  glm::dvec3 polygon[2 * kMost];  // x, y, w (1 where directional)
   int corners = 3;
   for (int i = 0; i < 3; ++i) {
-    const auto get = [&](int axis) { return static_cast<double>(setup.r[i][axis][lane]); };
-    polygon[i] = {get(0), get(1), directional ? 1.0 : get(2), get(2)};
+    glm::dvec3 t, r;
+    for (int axis = 0; axis < 3; ++axis) {
+      t[axis] = static_cast<double>(geometry[(3 * i + axis) * kBlock + lane]) - frame.ws_origin[axis];
+    }
+    for (int row = 0; row < 3; ++row) {
+      const double* m = face.rotation[row];
+      r[row] = m[0] * t.x + m[1] * t.y + m[2] * t.z;
+    }
+    polygon[i] = {r.x, r.y, frame.directional ? 1.0 : r.z};
   }
   for (const auto& plane : planes) {
-    glm::dvec4 kept[8];
+    glm::dvec3 kept[2 * kMost];
     int count = 0;
     for (int i = 0; i < corners; ++i) {
-      const glm::dvec4& a = polygon[i];
-      const glm::dvec4& b = polygon[(i + 1) % corners];
+      const glm::dvec3& a = polygon[i];
+      const glm::dvec3& b = polygon[(i + 1) % corners];
       const double da = plane[0] * a.x + plane[1] * a.y + plane[2] * a.z;
       const double db = plane[0] * b.x + plane[1] * b.y + plane[2] * b.z;
       if (da >= 0.0) kept[count++] = a;
@@ -641,30 +647,28 @@ HWY_NOINLINE bool ClippedOutline(bool directional, const Face& face, const Block
     corners = count;
     std::copy(kept, kept + count, polygon);
     if (count == 0) return false;
+    if (count > kMost) break;
   }
-  double least = std::numeric_limits<double>::infinity();
-  outline->corners = 0;
-  for (int i = 0; i < corners; ++i) {
-    // w = 0 happens only at the light itself, which is every direction at once: keep all of the face.
-    if (!(polygon[i].z > 0.0)) {
-      *outline = {{face.u_min, face.u_max, face.u_max, face.u_min},
-                  {face.v_min, face.v_min, face.v_max, face.v_max},
-                  4,
-                  0,
-                  0,
-                  0,
-                  0,
-                  0};
-      least = -std::numeric_limits<double>::infinity();
-      break;
+  // w = 0 happens only at the light itself, which is every direction at once: then, too, all of the face.
+  const bool everywhere = corners > kMost || std::any_of(polygon, polygon + corners,
+                                                         [](const glm::dvec3& p) { return !(p.z > 0.0); });
+  if (everywhere) {
+    *outline = {{face.u_min, face.u_max, face.u_max, face.u_min},
+                {face.v_min, face.v_min, face.v_max, face.v_max},
+                4,
+                0,
+                0,
+                0,
+                0,
+                0};
+  } else {
+    outline->corners = corners;
+    for (int i = 0; i < corners; ++i) {
+      outline->u[i] = static_cast<float>(polygon[i].x / polygon[i].z);
+      outline->v[i] = static_cast<float>(polygon[i].y / polygon[i].z);
     }
-    outline->u[outline->corners] = static_cast<float>(polygon[i].x / polygon[i].z);
-    outline->v[outline->corners] = static_cast<float>(polygon[i].y / polygon[i].z);
-    ++outline->corners;
-    least = std::min(least, polygon[i].w);
   }
   MeasureOutline(outline);
-  *nearest = DepthOf(directional, static_cast<float>(least - 1e-5 * std::abs(least)));
   return true;
 }
 
@@ -747,9 +751,17 @@ void WalkLanes(const WalkTask& state, const CasterBlocks& blocks, size_t block, 
                                               hn::Ge(hn::Add(p.v_high, pad), hn::Set(df, state.v_min)))),
                               hn::Le(nearest, hn::Set(df, face.farthest)));
   const MF quick = hn::And(bounded, overlaps);
-  // Others are clipped: those in front of the light at least in part (NaN corners compare false).
-  const MF clipped =
-      kDirectional ? hn::AndNot(bounded, overlaps) : hn::AndNot(bounded, hn::Gt(p.w_high, hn::Zero(df)));
+  // Others are clipped: those in front of the light at least in part, or so close to its plane that rounding
+  // could hide it (NaN corners compare false).
+  MF clipped = hn::AndNot(bounded, overlaps);
+  if constexpr (!kDirectional) {
+    VF size = hn::Zero(df);
+    for (const Corner& corner : corners) {
+      for (const VF& r : corner.r) size = hn::Max(size, hn::Abs(r));
+    }
+    const VF behind = hn::Mul(size, hn::Set(df, -16.0f * kUnitRoundoff));
+    clipped = hn::AndNot(bounded, hn::Ge(p.w_high, behind));
+  }
   uint32_t quick_bits = BitsOf(exhaustive ? bounded : quick);
   uint32_t clipped_bits = exhaustive ? ~quick_bits & FirstBits(kLanes) : BitsOf(clipped);
   if ((quick_bits | clipped_bits) == 0) return;
@@ -783,7 +795,8 @@ void WalkLanes(const WalkTask& state, const CasterBlocks& blocks, size_t block, 
   const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, face, geometry, corners, offset, &setup);
   large_bits &= valid;
   clipped_bits &= valid;
-  hn::Store(nearest, df, &setup.rows[kNearest][offset]);
+  // What is left of those that are clipped depends on the samples, the answer must not.
+  hn::Store(hn::IfThenElse(bounded, nearest, hn::Set(df, -kInfinity)), df, &setup.rows[kNearest][offset]);
   const VF spread = hn::Load(df, &setup.rows[kSpread][offset]);
   triangles.slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread)))) << offset;
   for (uint32_t bits = (quick_bits | clipped_bits) & valid & triangles.slivers >> offset; bits != 0;
@@ -813,13 +826,11 @@ void WalkLanes(const WalkTask& state, const CasterBlocks& blocks, size_t block, 
       }
       outline.pad = pads[i];
       MeasureOutline(&outline);
-    } else if (ClippedOutline(kDirectional, face, setup, lane, &outline, &setup.rows[kNearest][lane])) {
+    } else if (ClippedOutline(*state.frame, face, geometry, lane, &outline)) {
       outline.pad = 8.0f * kUnitRoundoff * (2.0f + std::min(setup.rows[kSpread][lane], kSliverSpread)) *
                     (kDirectional ? 64.0f * face_reach : 1.0f + 2.0f * face_reach * face_reach);
     } else if (!exhaustive) {
       continue;
-    } else {
-      setup.rows[kNearest][lane] = -kInfinity;
     }
     if (exhaustive) {
       TestRun(state, triangles, lane, face.first_sample, face.end_sample);

@@ -572,7 +572,12 @@ TEST(Masks, AreCancelledAtOnce) {
   std::sort(waits.begin(), waits.end());
   std::cout << "workers free after " << waits.front() << " to " << waits.back() << " ms, median " << waits[2]
             << " ms\n";
-  EXPECT_LT(waits[2], 500.0);  // 20 ms on a machine of its own; this one may be busy.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  EXPECT_LT(waits[2], 500.0);  // What lies between two polls is slower.
+#else
+  EXPECT_LT(waits[2],
+            50.0);  // 20 ms on a machine of its own, of which it needs 2 to 6; this one may be busy.
+#endif
 }
 
 }  // namespace

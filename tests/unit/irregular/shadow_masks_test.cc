@@ -26,52 +26,49 @@ constexpr int kWidth = 24;
 constexpr int kHeight = 8;
 
 struct Rendered {
-  std::vector<uint8_t> bits;
+  std::vector<bool> in_shadow;
   size_t undecided = 0;
-  size_t shadowed = 0;
+
+  bool operator==(const Rendered&) const = default;
 };
 
+/// Rows of `width` points each.
 Rendered RenderPoints(MaskRenderer* renderer, const MaskScene& scene, const std::vector<glm::vec3>& points,
-                      const Light& light, MaskMethod method) {
+                      int width, const Light& light, MaskMethod method,
+                      MaskPieces pieces = MaskPieces::kAuto) {
+  const int height = static_cast<int>(points.size()) / width;
   ReceiverLayer layer;
-  layer.ws_positions = BottomFirst(points.data(), kWidth, kHeight);
+  layer.ws_positions = BottomFirst(points.data(), width, height);
   MaskRequest request;
   request.scene = &scene;
   request.layers = {&layer, 1};
   request.lights = {&light, 1};
   request.method = method;
+  request.pieces = pieces;
   const auto masks = renderer->Render(request);
   EXPECT_TRUE(masks.ok()) << masks.status();
-  const LightMask& mask = (*masks)[0];
-  return {std::vector<uint8_t>(mask.bits.begin(), mask.bits.end()), mask.undecided_samples,
-          mask.shadowed_samples};
+  Rendered rendered;
+  rendered.undecided = (*masks)[0].undecided_samples;  for (int i = 0; i < width * height; ++i) {
+    rendered.in_shadow.push_back((*masks)[0].InShadow(0, height, i % width, i / width));
+  }
+  return rendered;
 }
 
-TEST(ShadowMasks, AgreeWithBruteForceOnRandomScenes) {
-  RandomScenes scenes(7);
-  MaskRenderer renderer;
-  size_t compared = 0, unsure = 0, shadowed = 0;
-  for (int n = 0; n < 1500; ++n) {
-    const Scene scene = scenes.Next();
-    const Light light = scenes.NextLight();
-    const std::vector<glm::vec3> points = scenes.Receivers(scene, kWidth * kHeight);
-    const auto mask_scene = MaskScene::Create(scene);
-    ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
-    const Rendered rendered = RenderPoints(&renderer, *mask_scene, points, light, MaskMethod::kGrid);
+/// Compares masks with brute force in extended precision, and counts.
+class BruteForce {
+ public:
+  /// Every `step`-th of the points.
+  void Compare(const Scene& scene, const Light& light, const std::vector<glm::vec3>& points,
+               const std::vector<bool>& in_shadow, size_t step) {
     const auto ray_space = RaySpace::Create(light);
     ASSERT_TRUE(ray_space.ok()) << ray_space.status();
     const std::vector<oracle::Triangle> triangles = oracle::Flatten(scene);
     oracle::Real reach = 0;  // Of the points, from their centre or the world's.
     for (const glm::vec3& p : points) reach = std::max<oracle::Real>(reach, 2 * glm::length(p));
-    for (int i = 0; i < kWidth * kHeight; ++i) {
-      const glm::dvec3 point(points[static_cast<size_t>(i)]);
-      const size_t bytes_per_row = 4;
-      const int x = i % kWidth, y = i / kWidth;
-      const bool in_shadow =
-          (rendered.bits[static_cast<size_t>(y) * bytes_per_row + static_cast<size_t>(x) / 8] >> (x % 8) &
-           1) != 0;
+    for (size_t i = 0; i < points.size(); i += step) {
+      const glm::dvec3 point(points[i]);
       if (!ray_space->Illuminates(point)) {
-        EXPECT_FALSE(in_shadow);
+        EXPECT_FALSE(in_shadow[i]);
         continue;
       }
       // Directional lights measure from the points' centre, wherever that is.
@@ -87,21 +84,80 @@ TEST(ShadowMasks, AgreeWithBruteForceOnRandomScenes) {
         if (one == Answer::kBlocked) answer = one;
         if (one == Answer::kUnsure && answer != Answer::kBlocked) answer = one;
       }
-      ++compared;
+      ++compared_;
       if (answer == Answer::kUnsure) {
-        ++unsure;
+        ++unsure_;
         continue;
       }
-      shadowed += answer == Answer::kBlocked;
-      ASSERT_EQ(in_shadow, answer == Answer::kBlocked)
-          << "scene " << n << " light kind " << light.index() << " sample " << i;
+      shadowed_ += answer == Answer::kBlocked;
+      ASSERT_EQ(in_shadow[i], answer == Answer::kBlocked)
+          << "light kind " << light.index() << " sample " << i;
     }
   }
-  RecordProperty("compared", static_cast<int>(compared));
-  RecordProperty("unsure", static_cast<int>(unsure));
-  std::cout << compared << " compared, " << shadowed << " in shadow, " << unsure << " within the bound\n";
-  EXPECT_GT(shadowed, compared / 20);
-  EXPECT_LT(unsure, compared / 10);
+
+  void ExpectManyDecided() const {
+    std::cout << compared_ << " compared, " << shadowed_ << " in shadow, " << unsure_
+              << " within the bound\n";
+    EXPECT_GT(shadowed_, compared_ / 20);
+    EXPECT_LT(unsure_, compared_ / 10);
+  }
+
+ private:
+  size_t compared_ = 0, unsure_ = 0, shadowed_ = 0;
+};
+
+TEST(ShadowMasks, AgreeWithBruteForceOnRandomScenes) {
+  RandomScenes scenes(7);
+  MaskRenderer renderer;
+  BruteForce brute_force;
+  for (int n = 0; n < 1500 && !HasFatalFailure(); ++n) {
+    SCOPED_TRACE(n);
+    const Scene scene = scenes.Next();
+    const Light light = scenes.NextLight();
+    const std::vector<glm::vec3> points = scenes.Receivers(scene, kWidth * kHeight);
+    const auto mask_scene = MaskScene::Create(scene);
+    ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
+    const Rendered rendered = RenderPoints(&renderer, *mask_scene, points, kWidth, light, MaskMethod::kGrid);
+    brute_force.Compare(scene, light, points, rendered.in_shadow, 1);
+  }
+  brute_force.ExpectManyDecided();
+}
+
+/// So many samples that the rows of cells of one face are cut into bands, which awkward triangles cross: huge
+/// and tiny ones, slivers, duplicates, some without any area, some with the light in them or at a corner.
+TEST(ShadowMasks, AwkwardTrianglesCrossBands) {
+  constexpr int kSide = 200;
+  RandomScenes scenes(17);
+  MaskRenderer frame, exhaustive;
+  BruteForce brute_force;
+  for (int n = 0; n < 60 && !HasFatalFailure(); ++n) {
+    SCOPED_TRACE(n);
+    Scene scene = scenes.Next();
+    const Light light = scenes.NextLight();
+    const std::vector<glm::vec3> points = scenes.Receivers(scene, size_t{kSide} * kSide);
+    Mesh& mesh = scene.meshes[0];
+    const glm::uvec3 first = mesh.triangles[0];
+    mesh.triangles.emplace_back(first.x, first.x, first.y);
+    mesh.triangles.emplace_back(first.z, first.z, first.z);
+    const auto ray_space = RaySpace::Create(light);
+    ASSERT_TRUE(ray_space.ok()) << ray_space.status();
+    if (!ray_space->is_directional()) {
+      const glm::vec3 at(ray_space->ws_position());
+      const glm::vec3 a = scenes.Point(1.0), b = scenes.Point(1.0);
+      const auto base = static_cast<uint32_t>(mesh.positions.size());
+      for (const glm::vec3& p : {at, at + a, at + b, at - a - b}) mesh.positions.push_back(p);
+      mesh.triangles.emplace_back(base, base + 1, base + 2);
+      mesh.triangles.emplace_back(base + 1, base + 2, base + 3);
+    }
+    const auto mask_scene = MaskScene::Create(scene);
+    ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
+    const Rendered a =
+        RenderPoints(&frame, *mask_scene, points, kSide, light, MaskMethod::kGrid, MaskPieces::kFrame);
+    const Rendered b = RenderPoints(&exhaustive, *mask_scene, points, kSide, light, MaskMethod::kExhaustive);
+    ASSERT_EQ(a, b);
+    brute_force.Compare(scene, light, points, a.in_shadow, 53);
+  }
+  brute_force.ExpectManyDecided();
 }
 
 TEST(ShadowMasks, EveryMethodGivesTheSameBits) {
@@ -113,13 +169,11 @@ TEST(ShadowMasks, EveryMethodGivesTheSameBits) {
     const std::vector<glm::vec3> points = scenes.Receivers(scene, kWidth * kHeight);
     const auto mask_scene = MaskScene::Create(scene);
     ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
-    const Rendered a = RenderPoints(&grid, *mask_scene, points, light, MaskMethod::kGrid);
-    const Rendered b = RenderPoints(&bsp, *mask_scene, points, light, MaskMethod::kBsp);
-    const Rendered c = RenderPoints(&exhaustive, *mask_scene, points, light, MaskMethod::kExhaustive);
-    ASSERT_EQ(a.bits, c.bits) << "scene " << n << " light kind " << light.index();
-    ASSERT_EQ(b.bits, c.bits) << "scene " << n << " light kind " << light.index();
-    ASSERT_EQ(a.undecided, c.undecided) << "scene " << n << " light kind " << light.index();
-    ASSERT_EQ(b.undecided, c.undecided) << "scene " << n << " light kind " << light.index();
+    const Rendered a = RenderPoints(&grid, *mask_scene, points, kWidth, light, MaskMethod::kGrid);
+    const Rendered b = RenderPoints(&bsp, *mask_scene, points, kWidth, light, MaskMethod::kBsp);
+    const Rendered c = RenderPoints(&exhaustive, *mask_scene, points, kWidth, light, MaskMethod::kExhaustive);
+    ASSERT_EQ(a, c) << "scene " << n << " light kind " << light.index();
+    ASSERT_EQ(b, c) << "scene " << n << " light kind " << light.index();
   }
 }
 
@@ -140,7 +194,7 @@ bool Bit(const LightMask& mask, int width, size_t i) {
 
 /// Exact products, where no caster is within the bound.
 TEST(ShadowMasks, TransmittanceIsTheProductOverBlockers) {
-  RandomScenes scenes(23);
+  RandomScenes scenes(17);
   MaskRenderer renderer;
   size_t compared = 0, partial = 0;
   for (int n = 0; n < 250; ++n) {
@@ -737,11 +791,11 @@ TEST(ShadowMasks, CancellationStopsTheWork) {
   const double median = waits[waits.size() / 2];
   std::cout << "cancelled " << waits.size() << " times, median " << median << " ms, most " << waits.back()
             << " ms later\n";
-  // 20 ms on a machine of its own; this one may be busy, and a sanitizer slows what lies between two polls.
+  // The most is printed, not judged: on a busy machine a thread may wait that long for a processor.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  EXPECT_LT(median, 500.0);
+  EXPECT_LT(median, 500.0);  // What lies between two polls is slower.
 #else
-  EXPECT_LT(median, 250.0);
+  EXPECT_LT(median, 20.0);
 #endif
 }
 
