@@ -7,6 +7,7 @@
 
 #include "core/frame/bend_lanes-inl.h"
 #include "core/frame/number_lanes-inl.h"
+#include "core/frame/packing_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
@@ -70,11 +71,12 @@ void FindInRow(const PixelPlanes& planes, const BendTolerance& tolerance, int y,
     const auto at_rim = hn::Or(hn::RebindMask(dw, inner), hn::Ne(goes_on, hn::Set(dw, 15u)));
     const auto rim = hn::IfThenElseZero(at_rim, mine);
     const auto chosen = hn::And(visible, has_bits(hn::Or(crossing, rim)));
+    const Packing packed(dw, hn::RebindMask(dw, chosen));
     const auto store = [&](hn::Vec<Words> v, LaneList<uint32_t>* to) {
-      hn::StoreU(hn::Compress(v, hn::RebindMask(dw, chosen)), dw, to->data() + count);
+      hn::StoreU(packed(v), dw, to->data() + count);
     };
-    hn::StoreU(hn::Compress(NumbersFrom(di, static_cast<int32_t>(first)), hn::RebindMask(di, chosen)), di,
-               active->index.data() + count);
+    const auto indices = hn::BitCast(dw, NumbersFrom(di, static_cast<int32_t>(first)));
+    hn::StoreU(hn::BitCast(di, packed(indices)), di, active->index.data() + count);
     for (size_t k = 0; k < 4; ++k) store(differences[k], &active->crossing[k]);
     store(goes_on, &active->continuous);
     store(rim, &active->rim);

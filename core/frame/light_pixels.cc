@@ -9,6 +9,7 @@
 #include <hwy/highway.h>
 
 #include "core/frame/number_lanes-inl.h"
+#include "core/frame/packing_lanes-inl.h"
 #include "core/frame/pixel_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -58,8 +59,9 @@ void FindConcerned(const ActivePixels& active, uint32_t light_bit, LightPixels* 
     }
     const auto concerned = hn::And(hn::Ne(asked, hn::Zero(di)), hn::FirstN(di, active.size() - i));
     const auto continuous = hn::BitCast(di, hn::LoadU(d, active.continuous.data() + i));
+    const Packing packed(di, concerned);
     const auto store = [&](hn::Vec<decltype(di)> v, LaneList<int32_t>* to) {
-      hn::StoreU(hn::Compress(v, concerned), di, to->data() + count);
+      hn::StoreU(packed(v), di, to->data() + count);
     };
     store(NumbersFrom(di, static_cast<int32_t>(i)), &pixels->concerned);
     store(hn::Or(asked, hn::ShiftLeft<kContinuous>(continuous)), &pixels->marks);
@@ -135,10 +137,11 @@ void ChooseHull(LightPixels* pixels) {
     const auto differs = HasMark(hn::And(marks, hn::ShiftRight<kContinuous>(marks)), 15);
     // What is lit and beside a discontinuity is not asked: what is in shadow there has the edge, if there is
     // one.
-    const auto chosen = Narrow(hn::And(hn::AndNot(away, hn::FirstN(d, most - i)),
-                                       hn::Or(differs, hn::AndNot(grazing, HasMark(marks, kRim)))));
-    hn::StoreU(hn::Compress(index, chosen), di, pixels->hull.data() + count);
-    hn::StoreU(hn::Compress(listed_marks, chosen), di, pixels->hull_marks.data() + count);
+    const auto chosen = Narrow(d, hn::And(hn::AndNot(away, hn::FirstN(d, most - i)),
+                                          hn::Or(differs, hn::AndNot(grazing, HasMark(marks, kRim)))));
+    const Packing packed(di, chosen);
+    hn::StoreU(packed(index), di, pixels->hull.data() + count);
+    hn::StoreU(packed(listed_marks), di, pixels->hull_marks.data() + count);
     count += hn::CountTrue(di, chosen);
   }
   pixels->hull.Resize(count);

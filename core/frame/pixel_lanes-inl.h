@@ -1,5 +1,5 @@
-// Lists of pixels and what is gathered by them, several at once, for Highway's per-target code: included once
-// for each target.
+// What lists of pixels refer to, several at once, for Highway's per-target code: included once for each
+// target.
 
 #if defined(SHADOWFIT_FRAME_PIXEL_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SHADOWFIT_FRAME_PIXEL_LANES_INL_H_
@@ -7,8 +7,6 @@
 #else
 #define SHADOWFIT_FRAME_PIXEL_LANES_INL_H_
 #endif
-
-#include <array>
 
 #include "core/frame/lane_list.h"
 #include "core/math/double_lanes-inl.h"
@@ -33,27 +31,6 @@ struct Gather {
     return {hn::GatherIndex(d, first, triples), hn::GatherIndex(d, first + 1, triples),
             hn::GatherIndex(d, first + 2, triples)};
   }
-};
-
-/// The same lanes of 32-bit numbers.
-HWY_INLINE hn::Mask<IndexLanes> Narrow(hn::Mask<DoubleLanes> mask) {
-  std::array<uint8_t, 8> bits{};
-  hn::StoreMaskBits(DoubleLanes(), mask, bits.data());
-  return hn::LoadMaskBits(IndexLanes(), bits.data());
-}
-
-/// Moves chosen lanes to the front, in their order. Highway's Compress does it for one vector; of doubles it
-/// looks its permutation up each time, where this does once for all vectors that are packed alike.
-class Packing {
- public:
-  HWY_INLINE explicit Packing(hn::Mask<DoubleLanes> chosen)
-      : order_(hn::IndicesFromVec(
-            DoubleLanes(),
-            hn::PromoteTo(LongLanes(), hn::Compress(hn::Iota(IndexLanes(), 0), Narrow(chosen))))) {}
-  HWY_INLINE Doubles operator()(Doubles v) const { return hn::TableLookupLanes(v, order_); }
-
- private:
-  decltype(hn::IndicesFromVec(DoubleLanes(), hn::Zero(LongLanes()))) order_;
 };
 
 }  // namespace shadowfit::HWY_NAMESPACE

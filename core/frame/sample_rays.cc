@@ -8,6 +8,7 @@
 #include <hwy/highway.h>
 
 #include "core/frame/number_lanes-inl.h"
+#include "core/frame/packing_lanes-inl.h"
 #include "core/frame/pixel_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -42,7 +43,7 @@ class BoundaryFiller {
     const Doubles crossings = hn::LoadU(d, edges_.crossings.data() + i);
     const auto crossed = hn::Gt(crossings, hn::Zero(d));
     if (hn::AllFalse(d, crossed)) return;
-    const Packing packed(crossed);
+    const Packing packed(d, crossed);
     const auto put = [&](Doubles v, std::vector<double>* to) {
       hn::StoreU(packed(v), d, to->data() + count_);
     };
@@ -68,7 +69,7 @@ class BoundaryFiller {
     const size_t found = hn::CountTrue(d, crossed);
     const auto is_texture = hn::RebindMask(d, hn::Eq(pattern, hn::Set(LongLanes(), kTexture)));
     const auto texture =
-        Narrow(hn::And(hn::FirstN(d, found), hn::Eq(packed(hn::IfThenElseZero(is_texture, one)), one)));
+        Narrow(d, hn::And(hn::FirstN(d, found), hn::Eq(packed(hn::IfThenElseZero(is_texture, one)), one)));
     const auto places = NumbersFrom(di, static_cast<int32_t>(count_));
     hn::StoreU(hn::Compress(places, texture), di, textures_.data() + texture_count_);
     texture_count_ += hn::CountTrue(di, texture);
