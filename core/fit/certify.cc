@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <queue>
 #include <utility>
 
@@ -495,6 +496,13 @@ Cell::Bound Cell::BoundOf(const ShapeBox& box) const {
   for (size_t k = 0; k < kVariables; ++k) {
     bound.drop[k] = reach[k] * (std::abs(cost.slope[k].middle) + 0.5 * cost.slope[k].radius);
     bound.low -= bound.drop[k];
+  }
+  // Where slopes explain less of the loss than curvature does, halving by slopes could go on in one variable
+  // while another, without a slope here, keeps the bound down: then what is largest for its kind.
+  const double curved = bound.center - cost.value.middle;
+  if (curved > std::accumulate(bound.drop.begin(), bound.drop.end(), 0.0)) {
+    const double all_reaches = std::accumulate(reach.begin(), reach.end(), 0.0);
+    for (size_t k = 0; k < kVariables; ++k) bound.drop[k] = curved * reach[k] / all_reaches;
   }
   bound.low -= kRounding * bound.center;
   // What is added up is not negative.
