@@ -163,6 +163,17 @@ TEST(Certify, BracketsBruteForce) {
   std::printf("slowest %.2f s, most boxes %lld\n", slowest, static_cast<long long>(most_boxes));
 }
 
+TEST(Certify, EndsWhereTheCostHasNoSlopeButBends) {
+  // Along one axis range, which must be halved before shapes are.
+  std::mt19937 random(43);
+  const WhitenedSamples samples = RandomWhitenedSamples(random, 64 + 8 * static_cast<int>(random() % 40));
+  const MapSize size{400, 400};
+  const Certificate certificate =
+      Certify(samples, size, false, Searched(samples, size), {0.01, 60.0}, Cancellation());
+  EXPECT_TRUE(certificate.complete);
+  EXPECT_LT(certificate.boxes, 400'000);
+}
+
 TEST(Certify, FindsWhatABadFitMissed) {
   std::mt19937 random(4);
   const WhitenedSamples samples = RandomWhitenedSamples(random, 300);
