@@ -48,7 +48,8 @@ Rendered RenderPoints(MaskRenderer* renderer, const MaskScene& scene, const std:
   const auto masks = renderer->Render(request);
   EXPECT_TRUE(masks.ok()) << masks.status();
   Rendered rendered;
-  rendered.undecided = (*masks)[0].undecided_samples;  for (int i = 0; i < width * height; ++i) {
+  rendered.undecided = (*masks)[0].undecided_samples;
+  for (int i = 0; i < width * height; ++i) {
     rendered.in_shadow.push_back((*masks)[0].InShadow(0, height, i % width, i / width));
   }
   return rendered;
