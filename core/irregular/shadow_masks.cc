@@ -27,8 +27,6 @@ using namespace irregular;  // NOLINT(google-build-using-namespace): its impleme
 /// second-level cache.
 constexpr int kPieceStrips = 16;
 constexpr int kPiecePixels = 1 << 15;
-/// With more triangles than this, all of the frame is one piece.
-constexpr size_t kMostOfPieces = 1 << 16;
 
 const char* KindName(const Light& light) {
   if (std::holds_alternative<PointLight>(light)) return "point";
@@ -75,7 +73,7 @@ void MaskRenderer::Workspace::CutIntoPieces(const MaskRequest& request) {
   height = has_positions ? first.ws_positions.height : first.depth.height;
   strips = (width + kStrip - 1) / kStrip;
   const int layers = static_cast<int>(request.layers.size());
-  const bool many = request.scene->TriangleCount() > kMostOfPieces;
+  const bool many = request.scene->TriangleCount() > kMostTrianglesOfPieces;
   share_work = request.method == MaskMethod::kGrid &&
                (request.pieces == MaskPieces::kFrame || (request.pieces == MaskPieces::kAuto && many));
   const int columns = share_work ? strips : kPieceStrips;

@@ -51,10 +51,12 @@ enum class MaskMethod {
 
 /// How the work is cut; the answer is the same.
 enum class MaskPieces {
-  kAuto,   ///< As the number of triangles suggests.
+  kAuto,   ///< kSmall up to kMostTrianglesOfPieces, kFrame with more.
   kSmall,  ///< Pieces of the frame whose samples stay in the second-level cache, each rendered by one thread.
   kFrame,  ///< All of the frame at once, so that each triangle is looked at once. Only for kGrid.
 };
+
+inline constexpr size_t kMostTrianglesOfPieces = 1 << 16;
 
 enum class MaskOutput {
   /// One bit a sample. A semi-transparent caster blocks where the mean of its channels' transmittance is

@@ -131,9 +131,6 @@ struct Options {
   bool embree = true;
 };
 
-/// With so many triangles the renderer cuts a frame into pieces, each rendered by one thread.
-constexpr size_t kMostOfPieces = 1 << 16;
-
 struct Roofs {
   double bandwidth, operations;  ///< A second.
 };
@@ -240,7 +237,7 @@ double Run(const BenchScene& bench, const Options& options, int threads, const R
     const double bytes[4] = {4 * pixels + 20 * samples, 12 * samples,
                              36 * double(scene->TriangleCount()) + 3 * 16 * samples, pixels / 2};
     // Where there are few triangles, phases are of all threads together; roofs are of as long as they take.
-    const double at_once = scene->TriangleCount() <= kMostOfPieces ? threads : 1;
+    const double at_once = scene->TriangleCount() <= kMostTrianglesOfPieces ? threads : 1;
     double MaskTimings::*const members[4] = {&MaskTimings::project, &MaskTimings::sort, &MaskTimings::walk,
                                              &MaskTimings::resolve};
     const char* const names[4] = {"project", "sort", "walk", "resolve"};

@@ -25,6 +25,19 @@ using ::testing::HasSubstr;
 constexpr int kWidth = 24;
 constexpr int kHeight = 8;
 
+MaskRequest RequestFor(const MaskScene& scene, const ReceiverLayer& layer, const Light& light) {
+  MaskRequest request;
+  request.scene = &scene;
+  request.layers = {&layer, 1};
+  request.lights = {&light, 1};
+  return request;
+}
+
+bool Bit(const LightMask& mask, int width, size_t i) {
+  return mask.InShadow(0, std::numeric_limits<int>::max(), static_cast<int>(i) % width,
+                       static_cast<int>(i) / width);
+}
+
 struct Rendered {
   std::vector<bool> in_shadow;
   size_t undecided = 0;
@@ -39,19 +52,14 @@ Rendered RenderPoints(MaskRenderer* renderer, const MaskScene& scene, const std:
   const int height = static_cast<int>(points.size()) / width;
   ReceiverLayer layer;
   layer.ws_positions = BottomFirst(points.data(), width, height);
-  MaskRequest request;
-  request.scene = &scene;
-  request.layers = {&layer, 1};
-  request.lights = {&light, 1};
+  MaskRequest request = RequestFor(scene, layer, light);
   request.method = method;
   request.pieces = pieces;
   const auto masks = renderer->Render(request);
   EXPECT_TRUE(masks.ok()) << masks.status();
   Rendered rendered;
   rendered.undecided = (*masks)[0].undecided_samples;
-  for (int i = 0; i < width * height; ++i) {
-    rendered.in_shadow.push_back((*masks)[0].InShadow(0, height, i % width, i / width));
-  }
+  for (size_t i = 0; i < points.size(); ++i) rendered.in_shadow.push_back(Bit((*masks)[0], width, i));
   return rendered;
 }
 
@@ -180,22 +188,9 @@ TEST(ShadowMasks, EveryMethodGivesTheSameBits) {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-MaskRequest RequestFor(const MaskScene& scene, const ReceiverLayer& layer, const Light& light) {
-  MaskRequest request;
-  request.scene = &scene;
-  request.layers = {&layer, 1};
-  request.lights = {&light, 1};
-  return request;
-}
-
-bool Bit(const LightMask& mask, int width, size_t i) {
-  return mask.InShadow(0, std::numeric_limits<int>::max(), static_cast<int>(i) % width,
-                       static_cast<int>(i) / width);
-}
-
 /// Exact products, where no caster is within the bound.
 TEST(ShadowMasks, TransmittanceIsTheProductOverBlockers) {
-  RandomScenes scenes(17);
+  RandomScenes scenes(23);
   MaskRenderer renderer;
   size_t compared = 0, partial = 0;
   for (int n = 0; n < 250; ++n) {
