@@ -26,9 +26,7 @@ std::optional<CertificateRecord> CertifyFit(const ViewStudy& view, const LightSt
   problem.samples = samples.data();
   problem.map_size = request.lights[0].map_size;
   problem.ws_scene_bounds = *request.ws_scene_bounds;
-  // The hull that the fit was made for (single_map_fit.cc).
-  RayHull hull = MakeRayHull(problem, HullOf::kShadow);
-  if (!hull.complete) hull = MakeRayHull(problem, HullOf::kSamples);
+  const RayHull hull = MakeFitHull(problem);
   if (!hull.complete) return std::nullopt;
   const Certificate certificate = Certify(Whiten(problem, hull), problem.map_size, options.free_aspect,
                                           fit.projection, {tolerance, time_limit}, Cancellation());

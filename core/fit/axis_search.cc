@@ -13,30 +13,6 @@
 namespace shadowfit {
 namespace {
 
-/// The dual cone without its rim. Valid axes (alpha, beta, 1) are the interior of the hull's polar dual, a
-/// convex polygon around the origin: along a direction d they reach to 1 / max(-d.v). The chart y = d (-ln(1
-/// - t)), t the share of that reach, maps it onto the whole plane: rings around the
-/// origin are even choices, and a step means the same factor of smallest w everywhere.
-class AxisChart {
- public:
-  explicit AxisChart(const std::vector<glm::dvec2>& hull) : hull_(hull) {}
-
-  glm::dvec2 AxisAt(const glm::dvec2& y) const {
-    const double radius = glm::length(y);
-    if (!(radius > 0.0)) return glm::dvec2(0.0);
-    const glm::dvec2 d = y / radius;
-    return d * (Reach(d) * -std::expm1(-radius));
-  }
-
- private:
-  double Reach(const glm::dvec2& d) const {
-    double most = 1e-9;
-    for (const glm::dvec2& v : hull_) most = std::max(most, -glm::dot(d, v));
-    return 1.0 / most;
-  }
-  const std::vector<glm::dvec2>& hull_;
-};
-
 constexpr size_t kParameters = std::tuple_size_v<EdgeObjective::Parameters>;
 using Point = DescentPoint<kParameters>;
 
@@ -64,14 +40,19 @@ Point StartAt(const glm::dvec2& axis, const AffineShape& shape, const EdgeObject
   return start;
 }
 
-/// Descends over the axis and the parallelogram together.
-Point Descend(EdgeObjective& objective, Point start, int most_evaluations, double tolerance) {
-  start.value = objective.Evaluate(start.at, &start.gradient);
-  if (!std::isfinite(start.value)) return start;
+/// The point as another objective sees it; where that is infinite there is no way down.
+Point Seen(EdgeObjective& objective, Point point) {
+  point.gradient = {};
+  point.value = objective.Evaluate(point.at, &point.gradient);
+  return point;
+}
+
+/// Descends over the axis and the parallelogram together, from a point of this objective.
+Point Descend(EdgeObjective& objective, const Point& from, int most_evaluations, double tolerance) {
   const auto evaluate = [&](const EdgeObjective::Parameters& at, EdgeObjective::Parameters* gradient) {
     return objective.Evaluate(at, gradient);
   };
-  return DescendQuasiNewton(evaluate, start, most_evaluations, tolerance);
+  return DescendQuasiNewton(evaluate, from, most_evaluations, tolerance);
 }
 
 struct Start {
@@ -82,7 +63,6 @@ struct Start {
 /// Axes at the hull's centroid and on rings around it, with their best parallelograms, the best axis first.
 std::vector<Start> SearchRings(EdgeFit& fit, const std::vector<glm::dvec2>& hull, int directions,
                                const std::optional<glm::dvec2>& previous_axis) {
-  const AxisChart chart(hull);
   std::vector<Start> starts;
   const auto add = [&](const glm::dvec2& axis) {
     starts.push_back({axis, fit.Evaluate(axis, EdgeFit::kCoarse)});
@@ -91,7 +71,7 @@ std::vector<Start> SearchRings(EdgeFit& fit, const std::vector<glm::dvec2>& hull
   for (const double radius : {1.0, 2.2}) {
     for (int k = 0; k < directions; ++k) {
       const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (radius > 2.0)) / directions;
-      add(chart.AxisAt(radius * glm::dvec2(std::cos(angle), std::sin(angle))));
+      add(AxisAt(hull, radius * glm::dvec2(std::cos(angle), std::sin(angle))));
     }
   }
   if (previous_axis) add(*previous_axis);
@@ -101,6 +81,16 @@ std::vector<Start> SearchRings(EdgeFit& fit, const std::vector<glm::dvec2>& hull
 }
 
 }  // namespace
+
+glm::dvec2 AxisAt(const std::vector<glm::dvec2>& hull, const glm::dvec2& y) {
+  const double radius = glm::length(y);
+  if (!(radius > 0.0)) return glm::dvec2(0.0);
+  const glm::dvec2 d = y / radius;
+  double most = 1e-9;
+  for (const glm::dvec2& v : hull) most = std::max(most, -glm::dot(d, v));
+  const double reach = 1.0 / most;
+  return d * (reach * -std::expm1(-radius));
+}
 
 AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const DefaultOptions& options,
                             const std::optional<glm::dvec2>& previous_axis) {
@@ -112,8 +102,9 @@ AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const 
   EdgeObjective probe_objective(probes, size, options.free_aspect);
   std::vector<Point> points;
   for (const Start& start : starts) {
-    points.push_back(Descend(probe_objective, StartAt(start.axis, start.result.shape, probe_objective),
-                             options.evaluations_per_start, kSearchTolerance));
+    const Point at = StartAt(start.axis, start.result.shape, probe_objective);
+    points.push_back(
+        Descend(probe_objective, Seen(probe_objective, at), options.evaluations_per_start, kSearchTolerance));
   }
   std::sort(points.begin(), points.end(), ByValue);
   points.resize(std::min(points.size(), static_cast<size_t>(options.descents)));
@@ -121,8 +112,9 @@ AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const 
     point = Descend(probe_objective, point, options.evaluations_per_descent, kSearchTolerance);
   }
   EdgeObjective objective(samples, size, options.free_aspect);
-  const Point best = Descend(objective, *std::min_element(points.begin(), points.end(), ByValue),
-                             options.evaluations_to_polish, kTolerance);
+  const Point& best_of_probes = *std::min_element(points.begin(), points.end(), ByValue);
+  const Point best =
+      Descend(objective, Seen(objective, best_of_probes), options.evaluations_to_polish, kTolerance);
 
   AxisSearchResult result;
   const AffineShape shape = EdgeObjective::ShapeOf(best.at);

@@ -2,12 +2,19 @@
 
 #include <glm/glm.hpp>
 #include <optional>
+#include <vector>
 
 #include "core/fit/options.h"
 #include "core/fit/whitened_samples.h"
 #include "core/math/shadow_projection.h"
 
 namespace shadowfit {
+
+/// A chart of the valid axes. Those, (alpha, beta, 1), are the interior of the polar dual of the hull, a
+/// convex polygon around the origin: along a direction d they reach to 1 / max(-d.v). The chart y = d (-ln(1
+/// - t)), t the share of that reach, maps them onto the whole plane: no constraint is left, and a step means
+/// the same factor of smallest w everywhere. This is its inverse.
+glm::dvec2 AxisAt(const std::vector<glm::dvec2>& hull, const glm::dvec2& y);
 
 /// The best map that a search found.
 struct AxisSearchResult {

@@ -394,15 +394,12 @@ Cell::Bound Cell::BoundOf(const ShapeBox& box) const {
       Side{{hull_[across1[0].most], hull_[across1[1].most]}, 1.0, true, 0.0},
       Side{{hull_[across1[0].least], hull_[across1[1].least]}, -1.0, true, 0.0},
   };
+  const std::array<double, kVariables> reach = {cell_.nearing_reach, cell_.along_reach, box.direction_reach,
+                                                box.angle_reach, box.log_stretch_reach};
   const auto gives_up = [&] {
     bound.low = -kHuge;
-    bound.drop.fill(0.0);
     // Large boxes: halve what is largest for its kind.
-    bound.drop[kNearing] = cell_.nearing_reach;
-    bound.drop[kAlong] = cell_.along_reach;
-    bound.drop[kDirection] = box.direction_reach;
-    bound.drop[kAngle] = box.angle_reach;
-    bound.drop[kLogStretch] = box.log_stretch_reach;
+    bound.drop = reach;
     return bound;
   };
   for (const Side& side : sides) {
@@ -426,8 +423,6 @@ Cell::Bound Cell::BoundOf(const ShapeBox& box) const {
   const Dual factor2 = gamma_2 * at.second;
 
   // Weights: the bound is value - sum reach |slope|, and value and slopes are linear in each weight.
-  const std::array<double, kVariables> reach = {cell_.nearing_reach, cell_.along_reach, box.direction_reach,
-                                                box.angle_reach, box.log_stretch_reach};
   std::array<std::array<Dual, 2>, 4> reaches;
   std::array<std::array<Center, 2>, 4> terms;
   Center sum{};

@@ -138,7 +138,7 @@ double EdgeFit::Cost(const AffineShape& shape) const {
 
 /// Pattern search: each side alone, both together and the aspect, both ways; the step is halved where nothing
 /// improves.
-void EdgeFit::Refine(int first_step, int last_step, Result* best) const {
+void EdgeFit::Refine(int steps, Result* best) const {
   const auto attempt = [&](const AffineShape& shape) {
     const double cost = Cost(shape);
     if (cost >= best->cost) return false;
@@ -146,7 +146,7 @@ void EdgeFit::Refine(int first_step, int last_step, Result* best) const {
     return true;
   };
   constexpr int kMostRounds = 8;
-  for (int k = first_step; k < last_step; ++k) {
+  for (int k = 0; k < steps; ++k) {
     const Rotation& step = Steps()[static_cast<size_t>(k)];
     bool improved = true;
     for (int round = 0; improved && round < kMostRounds; ++round) {
@@ -179,7 +179,7 @@ EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
       best = {static_cast<double>(costs[i][j]), {CoarseSides().exact[i], CoarseSides().exact[j], 1.0}};
     }
   }
-  Refine(0, steps, &best);
+  Refine(steps, &best);
   return best;
 }
 

@@ -46,7 +46,6 @@ class EdgeFit {
 
   /// How closely sides are turned: to pi/16 in a first step, and to half of that in each one more.
   static constexpr int kCoarse = 2;  ///< 5.6 degrees; the cost is square in the error, but at creases.
-  static constexpr int kMedium = 4;  ///< 1.4 degrees.
   static constexpr int kFine = 6;    ///< 0.35 degrees.
 
   /// The best parallelogram at an axis, searched over all directions.
@@ -69,7 +68,7 @@ class EdgeFit {
   void Gather(const glm::dvec2& axis);
   bool ProjectHull(const glm::dvec2& axis);
   double Cost(const AffineShape& shape) const;
-  void Refine(int first_step, int last_step, Result* best) const;
+  void Refine(int steps, Result* best) const;
 
   const WhitenedSamples& samples_;
   MapSize size_;

@@ -23,10 +23,10 @@ struct DescentPoint {
 /// methods", Math. Program. 141 (2013). Its matrix learns the kink that minima of enclosing shapes lie on.
 ///
 /// `objective(at, &gradient)` returns the value, infinite where `at` is not allowed, and fills the gradient
-/// elsewhere. `from` has value and gradient. Ends after `most_evaluations`, or where two steps in a row gain
-/// less than `tolerance`. Never ends above `from.value`.
+/// elsewhere. `point` has value and gradient. Ends after `most_evaluations`, or where two steps in a row gain
+/// less than `tolerance`. Never ends above where it began.
 template <size_t N, class Objective>
-DescentPoint<N> DescendQuasiNewton(const Objective& objective, DescentPoint<N> from, int most_evaluations,
+DescentPoint<N> DescendQuasiNewton(const Objective& objective, DescentPoint<N> point, int most_evaluations,
                                    double tolerance) {
   using Vector = typename DescentPoint<N>::Vector;
   constexpr double kSufficientDecrease = 1e-4;
@@ -37,7 +37,6 @@ DescentPoint<N> DescendQuasiNewton(const Objective& objective, DescentPoint<N> f
     for (size_t i = 0; i < N; ++i) sum += a[i] * b[i];
     return sum;
   };
-  DescentPoint<N> point = from;
   auto& h = point.inverse_hessian;
   int idle = 0;
   for (int used = 0; used < most_evaluations && idle < 2;) {
@@ -48,16 +47,17 @@ DescentPoint<N> DescendQuasiNewton(const Objective& objective, DescentPoint<N> f
     double low = 0.0;
     double high = std::numeric_limits<double>::infinity();
     double step = 1.0;
-    Vector at;
-    Vector gradient;
+    Vector at = point.at;
+    Vector gradient = point.gradient;
     double value = point.value;
     // The best of the line, should the evaluations run out.
     bool found = false;
-    for (int k = 0; k < kMostBisections && used < most_evaluations; ++k, ++used) {
+    for (int k = 0; k < kMostBisections && used < most_evaluations; ++k) {
       Vector tried;
       Vector tried_gradient;
       for (size_t i = 0; i < N; ++i) tried[i] = point.at[i] + step * direction[i];
       const double tried_value = objective(tried, &tried_gradient);
+      ++used;
       if (!(tried_value <= point.value + kSufficientDecrease * step * slope)) {
         high = step;
       } else {
@@ -65,10 +65,7 @@ DescentPoint<N> DescendQuasiNewton(const Objective& objective, DescentPoint<N> f
         at = tried;
         gradient = tried_gradient;
         value = tried_value;
-        if (!(dot(tried_gradient, direction) < kCurvature * slope)) {
-          ++used;
-          break;
-        }
+        if (!(dot(tried_gradient, direction) < kCurvature * slope)) break;
         low = step;
       }
       step = high < std::numeric_limits<double>::infinity() ? 0.5 * (low + high) : 2.0 * step;

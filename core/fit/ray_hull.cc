@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "core/fit/outer_samples.h"
 #include "core/math/convex_hull.h"
@@ -128,10 +129,20 @@ RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of) {
   RayHull hull = hull_of_chosen();
   if (!hull.complete) {
     // A part of the samples is kept, which inner samples are a part of too.
-    chosen = HullSamples(samples, hull_of);
-    hull = hull_of_chosen();
+    std::vector<int32_t> all = HullSamples(samples, hull_of);
+    if (chosen.size() < all.size()) {
+      chosen = std::move(all);
+      hull = hull_of_chosen();
+    }
   }
   return hull;
+}
+
+RayHull MakeFitHull(const LightProblem& problem) {
+  RayHull hull = MakeRayHull(problem, HullOf::kShadow);
+  if (hull.complete) return hull;
+  RayHull tight = MakeRayHull(problem, HullOf::kSamples);
+  return tight.complete ? tight : hull;
 }
 
 }  // namespace shadowfit

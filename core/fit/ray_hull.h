@@ -42,6 +42,10 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
 /// visible, of the scene's bounds; never empty.
 RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of);
 
+/// What the default method fits a map to: the shadow's footprints where one map holds them, the samples where
+/// one holds those. Not complete, and of the shadow, where none does.
+RayHull MakeFitHull(const LightProblem& problem);
+
 /// Image-plane coordinates about a unit axis: v = (b1.r, b2.r) / (axis.r) with b1, b2 orthonormal to it.
 struct ImagePlane {
   glm::dvec3 b1;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <utility>
 
 #include "core/fit/axis_search.h"
 #include "core/fit/ray_hull.h"
@@ -20,11 +19,7 @@ constexpr double kWidestHalfAngle = 1.3962634015954636;
 }  // namespace
 
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options) {
-  RayHull hull = MakeRayHull(problem, HullOf::kShadow);
-  if (!hull.complete) {
-    RayHull tight = MakeRayHull(problem, HullOf::kSamples);
-    if (tight.complete) hull = std::move(tight);
-  }
+  const RayHull hull = MakeFitHull(problem);
   const WhitenedSamples samples = Whiten(problem, hull);
   std::optional<glm::dvec2> previous_axis;
   if (problem.previous != nullptr) {

@@ -69,16 +69,6 @@ double PeakFlops() {
   return 2.0 * kChains * kLanes * double(kRounds) / seconds;
 }
 
-/// The chart of single_map_fit.cc: axes along a direction, up to the one that no longer sees the hull.
-glm::dvec2 AxisAt(const std::vector<glm::dvec2>& hull, const glm::dvec2& y) {
-  const double radius = glm::length(y);
-  if (!(radius > 0.0)) return glm::dvec2(0.0);
-  const glm::dvec2 d = y / radius;
-  double most = 1e-9;
-  for (const glm::dvec2& v : hull) most = std::max(most, -glm::dot(d, v));
-  return d * (-std::expm1(-radius) / most);
-}
-
 struct Objective {
   EdgeFit* fit;
   const std::vector<glm::dvec2>* hull;
@@ -187,7 +177,7 @@ absl::Status Bench(int lights) {
       problem.nearest_ndc_depth = extent.nearest_ndc_depth;
       problem.farthest_ndc_depth = extent.farthest_ndc_depth;
       problem.ws_scene_bounds = truth->ws_bounds();
-      const WhitenedSamples whitened = Whiten(problem, MakeRayHull(problem, HullOf::kShadow));
+      const WhitenedSamples whitened = Whiten(problem, MakeFitHull(problem));
       const Outcome standard = Default(whitened);
       const double target = standard.value * 1.001;
       const Outcome bobyqa = Minimize(nlopt::LN_BOBYQA, whitened, target);
