@@ -47,24 +47,18 @@ HWY_INLINE Window BitsAround(const PackedBits& bits, hn::Vec<hn::RebindToSigned<
   return window;
 }
 
-HWY_INLINE hn::Mask<Words> IsTexture(Window window) {
+/// EdgePattern of windows.
+HWY_INLINE hn::Vec<hn::RebindToSigned<Words>> PatternOf(Window window) {
   const Words d;
+  const hn::RebindToSigned<Words> di;
   const hn::RebindToFloat<Words> df;
   // The lower left bits of all 2x2 quads, four a row, and those beside, above and across from them.
   const auto quads = hn::Set(d, 0xFu | 0xFu << 5 | 0xFu << 10 | 0xFu << 15);
-  constexpr float kNeighbours = 32.0f;
   const auto v00 = hn::And(window, quads);
   const auto v10 = hn::And(hn::ShiftRight<1>(window), quads);
   const auto v01 = hn::And(hn::ShiftRight<5>(window), quads);
   const auto v11 = hn::And(hn::ShiftRight<6>(window), quads);
-  const auto count = [&](Window v) {
-    return hn::ConvertTo(df, hn::BitCast(hn::RebindToSigned<Words>(), hn::PopulationCount(v)));
-  };
-  const auto differences = hn::Add(count(hn::Xor(v00, v10)), count(hn::Xor(v00, v01)));
-  const auto many = hn::Ge(differences, hn::Set(df, kLeastDifferences * kNeighbours));
-  if (hn::AllFalse(df, many)) return hn::RebindMask(d, many);
-  // With g = v11 - v00 and e = v10 - v01 a quad's gradient is (g + e, g - e), so that the sums of its
-  // products are xx - yy = 4 sum ge, xy = sum g^2 - sum e^2 and xx + yy = 2 (sum g^2 + sum e^2).
+  const auto count = [&](Window v) { return hn::BitCast(di, hn::PopulationCount(v)); };
   const auto gg = count(hn::Xor(v11, v00));
   const auto ee = count(hn::Xor(v10, v01));
   const auto g_up = hn::AndNot(v00, v11);
@@ -73,14 +67,23 @@ HWY_INLINE hn::Mask<Words> IsTexture(Window window) {
   const auto e_down = hn::AndNot(v10, v01);
   const auto ge = hn::Sub(count(hn::Or(hn::And(g_up, e_up), hn::And(g_down, e_down))),
                           count(hn::Or(hn::And(g_up, e_down), hn::And(g_down, e_up))));
-  // The eigenvalues differ by the root of (xx - yy)^2 + (2 xy)^2. All these are small whole numbers: exact.
+  const auto xy = hn::Sub(gg, ee);
+  const auto pattern = hn::Add(hn::Mul(hn::Add(ge, hn::Set(di, kQuads)), hn::Set(di, kSums)),
+                               hn::Add(xy, hn::Set(di, kQuads)));
+
+  constexpr float kNeighbours = 2.0f * kQuads;
+  const auto number = [&](auto v) { return hn::ConvertTo(df, v); };
+  const auto differences = number(hn::Add(count(hn::Xor(v00, v10)), count(hn::Xor(v00, v01))));
+  const auto many = hn::Ge(differences, hn::Set(df, kLeastDifferences * kNeighbours));
+  // The eigenvalues differ by the root of (xx - yy)^2 + (2 xy)^2, and xx + yy = 2 (sum g^2 + sum e^2). All
+  // these are small whole numbers: exact.
   const auto squared = [](auto v) { return hn::Mul(v, v); };
-  const auto a = hn::Mul(hn::Set(df, 4.0f), ge);
-  const auto b = hn::Mul(hn::Set(df, 2.0f), hn::Sub(gg, ee));
-  const auto sum = hn::Mul(hn::Set(df, 2.0f), hn::Add(gg, ee));
-  const auto isotropic =
-      hn::Lt(hn::Add(squared(a), squared(b)), squared(hn::Mul(hn::Set(df, kLeastCoherence), sum)));
-  return hn::RebindMask(d, hn::And(many, isotropic));
+  const auto difference = hn::Mul(hn::Set(df, 4.0f), number(ge));
+  const auto twice_xy = hn::Mul(hn::Set(df, 2.0f), number(xy));
+  const auto sum = hn::Mul(hn::Set(df, 2.0f), number(hn::Add(gg, ee)));
+  const auto isotropic = hn::Lt(hn::Add(squared(difference), squared(twice_xy)),
+                                squared(hn::Mul(hn::Set(df, kLeastCoherence), sum)));
+  return hn::IfThenElse(hn::RebindMask(di, hn::And(many, isotropic)), hn::Set(di, kTexture), pattern);
 }
 
 void FindPatterns(const PackedBits& visible, const PackedBits& light, const LaneList<int32_t>& indices,
@@ -95,12 +98,7 @@ void FindPatterns(const PackedBits& visible, const PackedBits& light, const Lane
     const auto in_shadow = hn::TestBit(bits, hn::Set(d, kMiddleOfWindow));
     const Window window = hn::Or(hn::And(bits, seen),
                                  hn::IfThenElseZero(in_shadow, hn::AndNot(seen, hn::Set(d, kWholeWindow))));
-    const auto row = [&](Window v) { return hn::And(v, hn::Set(d, 7)); };
-    const Window inner =
-        hn::Or(hn::Or(row(hn::ShiftRight<6>(window)), hn::ShiftLeft<3>(row(hn::ShiftRight<11>(window)))),
-               hn::ShiftLeft<6>(row(hn::ShiftRight<16>(window))));
-    const auto pattern = hn::IfThenElse(IsTexture(window), hn::Set(d, uint32_t{kTexture}), inner);
-    hn::StoreU(hn::BitCast(di, pattern), di, patterns->data() + i);
+    hn::StoreU(PatternOf(window), di, patterns->data() + i);
   }
 }
 
@@ -170,26 +168,10 @@ EdgeDirection DirectionOf(EdgePattern pattern, const glm::dvec2& scale) {
   // A crossing between two pixels side by side is an edge as high as a pixel, half of it each one's; between
   // two upon another, as wide.
   if (pattern == kTexture) return {{1.0, 0.0}, 0.25 * (scale.x + scale.y)};
-  const auto value = [pattern](int column, int row) {
-    return static_cast<double>((pattern >> (3 * row + column)) & 1);
-  };
-  double xx = 0.0;
-  double xy = 0.0;
-  double yy = 0.0;
-  for (int row = 0; row < 2; ++row) {
-    for (int column = 0; column < 2; ++column) {
-      const double v00 = value(column, row);
-      const double v10 = value(column + 1, row);
-      const double v01 = value(column, row + 1);
-      const double v11 = value(column + 1, row + 1);
-      const double gx = 0.5 * (v10 + v11 - v00 - v01);
-      const double gy = 0.5 * (v01 + v11 - v00 - v10);
-      xx += gx * gx;
-      xy += gx * gy;
-      yy += gy * gy;
-    }
-  }
-  const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy);
+  // With xx - yy = 4 sum ge, the dominant eigenvector's angle is half that of (xx - yy, 2 xy).
+  const double sum_ge = pattern / kSums - kQuads;
+  const double xy = pattern % kSums - kQuads;
+  const double angle = 0.5 * std::atan2(xy, 2.0 * sum_ge);
   const glm::dvec2 normal(std::cos(angle), std::sin(angle));
   const double stretch = glm::length(glm::dvec2(-normal.y, normal.x) * scale);
   return {glm::normalize(normal / scale), stretch * 0.5 / (std::abs(normal.x) + std::abs(normal.y))};

@@ -14,11 +14,20 @@ namespace shadowfit {
 
 // What the bits around a pixel say of the shadow's edge in it. Vectorised with run-time dispatch (Highway).
 
-/// The 3x3 bits around a pixel, bit 3 row + column; or kTexture where the 5x5 bits around it show a texture
-/// that the samples do not resolve, such as the shadow of leaves, rather than an edge or a corner: many
-/// neighbours differ, and their structure tensor has no direction.
+/// The direction of the edge in the 5x5 bits around a pixel, from their structure tensor: the sum of d d^T
+/// over the sixteen 2x2 quads, d being a quad's bit gradient. Of a quad with bits v00 v10 / v01 v11 that is,
+/// but for a factor, (g + e, g - e) with g = v11 - v00 and e = v10 - v01, so that two numbers from -16 to 16
+/// say all of a direction: xx - yy = 4 sum g e and xy = sum g^2 - sum e^2. (The 3x3 bits alone know too few
+/// directions: an edge of slope 1/4 looks level.) Or kTexture where the bits show a texture that the samples
+/// do not resolve, such as the shadow of leaves, rather than an edge or a corner: many neighbours differ, and
+/// their structure tensor has no direction.
 using EdgePattern = int32_t;
-inline constexpr EdgePattern kTexture = 1 << 9;
+inline constexpr int32_t kQuads = 16;
+inline constexpr int32_t kSums = 2 * kQuads + 1;
+inline constexpr EdgePattern EdgePatternOf(int32_t sum_ge, int32_t sum_gg_less_ee) {
+  return (sum_ge + kQuads) * kSums + sum_gg_less_ee + kQuads;
+}
+inline constexpr EdgePattern kTexture = kSums * kSums;
 
 /// The patterns of a light's bits around the listed ones of the pixels with these indices. Where nothing is
 /// `visible`, light and shadow go on.
@@ -34,9 +43,8 @@ struct EdgeDirection {
   double length_per_crossing;
 };
 
-/// The edge through the middle of every pattern: its normal is the dominant eigenvector of the structure
-/// tensor, the sum of g g^T over the four 2x2 quads, with g a quad's bit gradient. A texture's normal means
-/// nothing, and its length is the sum of its edges' extents along x and y.
+/// The edge of every pattern: its normal is the dominant eigenvector of the structure tensor. A texture's
+/// normal means nothing, and its length is the sum of its edges' extents along x and y.
 class EdgeDirections {
  public:
   /// `scale` is final-screen pixels per sample: lengths along the edge stretch with it, its normal with the

@@ -110,7 +110,7 @@ TEST(FrameSampler, BoundaryLengthAndNormalMeasureAStraightEdge) {
     for (size_t i = 0; i < samples[0].boundary.size(); ++i) {
       length += samples[0].boundary.length[i];
       const double cosine = std::abs(samples[0].boundary.n1[i] * n.x + samples[0].boundary.n2[i] * n.y);
-      if (cosine > 0.85) along_chord += samples[0].boundary.length[i];
+      if (cosine > 0.95) along_chord += samples[0].boundary.length[i];
     }
     EXPECT_NEAR(length, 4.0 * expected, 0.06 * 4.0 * expected) << "angle " << angle;
     EXPECT_GT(along_chord, 0.9 * 4.0 * 2.0 * half_chord);

@@ -257,8 +257,6 @@ class PlainSampler {
       const Pixel at = p + Step{dx, dy};
       return (Bits(Visible(at) ? at : p) & light) != 0 ? 1 : 0;
     };
-    EdgePattern pattern = 0;
-    for (int k = 0; k < 9; ++k) pattern |= bit(k % 3 - 1, k / 3 - 1) << k;
     int differences = 0;
     double xx = 0.0, xy = 0.0, yy = 0.0;
     for (int y = -2; y < 2; ++y) {
@@ -273,7 +271,10 @@ class PlainSampler {
     }
     const bool is_texture = differences >= 0.3 * 32 && std::hypot(xx - yy, 2.0 * xy) < 0.5 * (xx + yy);
     if (!is_texture) {
-      const EdgeDirection& edge = directions_.data()[pattern];
+      // Sums of whole gradients, exactly: xx - yy = 4 sum ge.
+      const auto ge = static_cast<int32_t>(std::lround((xx - yy) / 4.0));
+      const EdgeDirection& edge =
+          directions_.data()[EdgePatternOf(ge, static_cast<int32_t>(std::lround(xy)))];
       AddSample(hull, edge.normal, crossings * edge.length_per_crossing, inverse_limit, to);
       return;
     }
