@@ -80,6 +80,7 @@ void EncodeQuality(const MapQuality& from, v1::MapQuality* to) {
   to->set_projection(from.projection);
   to->set_fit(from.fit);
   to->set_budget(from.budget);
+  to->set_saturation(from.saturation);
   to->set_worst(EncodeFlaw(from.Worst()));
 }
 

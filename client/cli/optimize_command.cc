@@ -57,9 +57,9 @@ std::string MapColumn(const v1::LightResult& light) {
 void PrintQuality(const v1::FrameResult& result) {
   bool atlas = false;
   for (const v1::LightResult& light : result.lights()) atlas = atlas || light.has_atlas_position();
-  absl::PrintF("\nWrong pixels are those of a map with one texel a pixel, times four factors\n");
-  absl::PrintF("%10s  %12s  %8s  %8s  %11s  %10s  %-11s%s\n", "light", "one a pixel", "budget", "fit",
-               "perspective", "projection", "worst", atlas ? "  in the atlas at" : "");
+  absl::PrintF("\nWrong pixels are those of a map with one texel a pixel, times five factors\n");
+  absl::PrintF("%10s  %12s  %8s  %8s  %11s  %10s  %10s  %-11s%s\n", "light", "one a pixel", "budget", "fit",
+               "perspective", "projection", "saturation", "worst", atlas ? "  in the atlas at" : "");
   for (const v1::LightResult& light : result.lights()) {
     if (!light.has_quality()) continue;
     const v1::MapQuality& quality = light.quality();
@@ -67,8 +67,9 @@ void PrintQuality(const v1::FrameResult& result) {
         light.has_atlas_position()
             ? absl::StrFormat("  %d,%d", light.atlas_position().x(), light.atlas_position().y())
             : "";
-    absl::PrintF("%10d  %12.1f  %8.3f  %8.3f  %11.3f  %10.3f  %-11s%s\n", light.id(), quality.unit_pixels(),
-                 quality.budget(), quality.fit(), quality.perspective(), quality.projection(),
+    absl::PrintF("%10d  %12.1f  %8.3f  %8.3f  %11.3f  %10.3f  %10.3f  %-11s%s\n", light.id(),
+                 quality.unit_pixels(), quality.budget(), quality.fit(), quality.perspective(),
+                 quality.projection(), quality.saturation(),
                  Words(v1::MapFlaw_Name(quality.worst()), "MAP_FLAW_"), position);
   }
 }

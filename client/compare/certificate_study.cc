@@ -28,8 +28,11 @@ std::optional<CertificateRecord> CertifyFit(const ViewStudy& view, const LightSt
   problem.ws_scene_bounds = *request.ws_scene_bounds;
   const RayHull hull = MakeFitHull(problem);
   if (!hull.complete) return std::nullopt;
-  const Certificate certificate = Certify(Whiten(problem, hull), problem.map_size, options.free_aspect,
-                                          fit.projection, {tolerance, time_limit}, Cancellation());
+  const WhitenedSamples whitened = Whiten(problem, hull);
+  const WhitenedSamples tangent =
+      TangentAt(whitened, fit.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));
+  const Certificate certificate = Certify(tangent, problem.map_size, options.free_aspect, fit.projection,
+                                          {tolerance, time_limit}, Cancellation());
   return CertificateRecord{
       tolerance,          time_limit, certificate.complete, certificate.LeastGap(), certificate.MostGap(),
       certificate.seconds};

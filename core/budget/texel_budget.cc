@@ -215,13 +215,14 @@ std::vector<MapSize> ShareSizes(std::span<const TexelDemand> demands, const Side
 }
 
 double ToleranceSafety(double texel_pixels) {
-  return std::clamp(2.13 - 0.53 * std::log(texel_pixels), 1.2, 3.7);
+  return std::clamp(1.3 - 0.28 * std::log(texel_pixels), 1.15, 2.0);
 }
 
 namespace {
 
 double Safe(const TexelDemand& demand, double texels) {
-  const double predicted = demand.cost / std::sqrt(texels);
+  const double displaced = demand.cost / std::sqrt(texels);
+  const double predicted = displaced / (1.0 + displaced / demand.most_pixels);
   if (!(predicted > 0.0) || !(demand.unit_pixels > 0.0)) return 0.0;
   return predicted * ToleranceSafety(predicted / demand.unit_pixels);
 }

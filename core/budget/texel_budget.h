@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -8,13 +9,17 @@
 
 namespace shadowfit {
 
-/// What a light gains by texels. The `edge` metric is homogeneous in the texel's sides: at a fixed axis,
-/// parallelogram and aspect ratio a map of T texels is predicted to get cost / sqrt(T) pixels wrong.
+/// What a light gains by texels. What texels displace edges by is homogeneous in their sides: at a fixed
+/// axis, parallelogram and aspect ratio a map of T texels displaces cost / sqrt(T) pixels, and is predicted
+/// to get y / (1 + y / most_pixels) of these y wrong.
 struct TexelDemand {
-  double cost = 0.0;         ///< Predicted wrong pixels of a map of one texel: prediction * sqrt(texels).
+  double cost = 0.0;         ///< What a map of one texel displaces: displaced pixels * sqrt(texels).
   double weight = 1.0;       ///< What a wrong pixel of this light counts.
   MapSize requested;         ///< Gives the aspect ratio.
   double unit_pixels = 0.0;  ///< See MapQuality; for tolerances.
+  /// What the prediction approaches as texels grow; for tolerances. Budgets share texels out by displaced
+  /// pixels.
+  double most_pixels = std::numeric_limits<double>::infinity();
 
   double WrongPixels(MapSize size) const;
 };
@@ -40,7 +45,8 @@ std::vector<MapSize> ShareSizes(std::span<const TexelDemand> demands, const Side
 /// that are thinner than they are apart: large texels lose those anyway, as a part of the prediction, but
 /// small ones have edges to draw that nobody saw. So it depends on how many pixels wide a texel is, predicted
 /// / unit pixels (map_quality.h). Measured by bench_budget with 180x180 samples of the plaza at 750x750: the
-/// ninth decile of Embree's count over the prediction is 3.7 at texels of 0.2 pixels, 2.6 at 1 and 1.5 at 5.
+/// ninth decile of Embree's count over the prediction is 1.8 at texels of 0.15 pixels, 1.2 at 1 and 1.1 at 2;
+/// a little more for scenes whose shadows are finer.
 double ToleranceSafety(double texel_pixels);
 
 /// The upper end of what a map of this size is expected to get wrong.

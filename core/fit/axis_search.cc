@@ -111,16 +111,22 @@ AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const 
   for (Point& point : points) {
     point = Descend(probe_objective, point, options.evaluations_per_descent, kSearchTolerance);
   }
-  EdgeObjective objective(samples, size, options.free_aspect);
   const Point& best_of_probes = *std::min_element(points.begin(), points.end(), ByValue);
+  const auto matrix_at = [&](const Point& point) {
+    const AffineShape shape = EdgeObjective::ShapeOf(point.at);
+    return rings.TexelFromWhitened(EdgeObjective::AxisOf(point.at), shape, rings.SizeOf(shape));
+  };
+  // From afar every sample pulls by its whole displacement, near the end by what an edge can show of it.
+  const WhitenedSamples tangent = TangentAt(samples, matrix_at(best_of_probes));
+  EdgeObjective objective(tangent, size, options.free_aspect);
   const Point best =
       Descend(objective, Seen(objective, best_of_probes), options.evaluations_to_polish, kTolerance);
+  EdgeObjective whole(samples, size, options.free_aspect);
 
   AxisSearchResult result;
-  const AffineShape shape = EdgeObjective::ShapeOf(best.at);
-  result.size = rings.SizeOf(shape);
-  result.texel_from_whitened = rings.TexelFromWhitened(EdgeObjective::AxisOf(best.at), shape, result.size);
-  result.cost = std::exp(best.value);
+  result.size = rings.SizeOf(EdgeObjective::ShapeOf(best.at));
+  result.texel_from_whitened = matrix_at(best);
+  result.cost = std::exp(Seen(whole, best).value);
   result.evaluations = rings.evaluations() + probe_objective.evaluations() + objective.evaluations();
   return result;
 }

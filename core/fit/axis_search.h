@@ -20,13 +20,14 @@ glm::dvec2 AxisAt(const std::vector<glm::dvec2>& hull, const glm::dvec2& y);
 struct AxisSearchResult {
   glm::dmat3 texel_from_whitened{1.0};  ///< Exactly around the hull.
   MapSize size;                         ///< As asked for unless the aspect is free.
-  double cost = 0.0;                    ///< Expected misclassified pixels; infinite where no axis will do.
+  double cost = 0.0;                    ///< The samples' sum of l y; infinite where no axis will do.
   int evaluations = 0;
 };
 
 /// Minimises the `edge` metric over all maps around the hull: axes on rings around the hull's centroid, at
 /// each of them the best parallelogram of some (EdgeFit), and from the best of these descents over axis and
-/// parallelogram together (EdgeObjective). `previous_axis` (alpha, beta) is one more to start from.
+/// parallelogram together (EdgeObjective), the last one under the metric's tangent (TangentAt) where the
+/// others ended. `previous_axis` (alpha, beta) is one more to start from.
 AxisSearchResult SearchAxis(const WhitenedSamples& samples, MapSize size, const DefaultOptions& options,
                             const std::optional<glm::dvec2>& previous_axis);
 

@@ -9,7 +9,8 @@
 
 namespace shadowfit {
 
-/// How far a fit is from the best matrix that there is, proven.
+/// How far a fit is from the best matrix that there is, proven: of the sum of l y over samples, which is the
+/// `edge` metric's tangent at the fit where they are weighed by it (TangentAt).
 ///
 /// A matrix that holds the hull is an axis a (2 numbers), the directions of a parallelogram's sides (2) and,
 /// where the aspect ratio is free, a stretch (1). Over all axes that see the hull from no nearer than

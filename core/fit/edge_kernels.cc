@@ -176,6 +176,31 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
   return {sum(cost), {sum(f1x), sum(f1y)}, {sum(f2x), sum(f2y)}, {sum(per_a), sum(per_b)}};
 }
 
+void WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+                    const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
+                    float* e3) {
+  const Lanes d;
+  const auto a = hn::Set(d, axis[0]);
+  const auto b = hn::Set(d, axis[1]);
+  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const auto first = hn::LoadU(d, e1 + i);
+    const auto second = hn::LoadU(d, e2 + i);
+    const auto third = hn::LoadU(d, e3 + i);
+    const auto w = hn::MulAdd(a, hn::LoadU(d, x + i), hn::MulAdd(b, hn::LoadU(d, y + i), hn::Set(d, 1.0f)));
+    const auto gx = hn::Mul(w, hn::NegMulAdd(a, third, first));
+    const auto gy = hn::Mul(w, hn::NegMulAdd(b, third, second));
+    const auto along = [&](const float step[2]) {
+      return hn::Abs(hn::MulAdd(gx, hn::Set(d, step[0]), hn::Mul(gy, hn::Set(d, step[1]))));
+    };
+    const auto excess =
+        hn::MulAdd(ExpectedWidth(along(b1), along(b2)), hn::LoadU(d, inverse_limit + i), hn::Set(d, 1.0f));
+    const auto weight = hn::Div(hn::Set(d, 1.0f), hn::Mul(excess, excess));
+    hn::StoreU(hn::Mul(first, weight), d, e1 + i);
+    hn::StoreU(hn::Mul(second, weight), d, e2 + i);
+    hn::StoreU(hn::Mul(third, weight), d, e3 + i);
+  }
+}
+
 /// The least and the greatest of a linear function so far, lane by lane, and where they are.
 struct Supports {
   hn::Vec<Lanes> low, low_x, low_y, high, high_x, high_y;
@@ -237,6 +262,7 @@ HWY_EXPORT(EdgeCost);
 HWY_EXPORT(EdgeCostsOfPairs);
 HWY_EXPORT(HullExtents);
 HWY_EXPORT(EdgeCostAndSlopes);
+HWY_EXPORT(WeighByTangent);
 HWY_EXPORT(ViewHull);
 
 void EdgeCovectors(const float* x, const float* y, const float* e1, const float* e2, const float* e3,
@@ -261,6 +287,11 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
                              const float* e3, size_t count, const float axis[2], const float b1[2],
                              const float b2[2]) {
   return HWY_DYNAMIC_DISPATCH(EdgeCostAndSlopes)(x, y, e1, e2, e3, count, axis, b1, b2);
+}
+void WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+                    const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
+                    float* e3) {
+  HWY_DYNAMIC_DISPATCH(WeighByTangent)(x, y, inverse_limit, count, axis, b1, b2, e1, e2, e3);
 }
 HullView ViewHull(const float* x, const float* y, size_t count, const float axis[2], const float normal1[2],
                   const float normal2[2]) {

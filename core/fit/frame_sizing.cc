@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -9,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "core/budget/texel_budget.h"
 #include "core/fit/map_quality.h"
+#include "core/fit/metric.h"
 #include "core/fit/prediction.h"
 
 namespace shadowfit {
@@ -41,6 +43,13 @@ double PredictedPixels(const SizedLight& light) {
   return PredictMisclassifiedPixels(*light.problem.samples, ProjectionsOf(light.fit));
 }
 
+/// The displaced pixels of which so many are predicted to be wrong.
+double Displaced(double predicted, const TexelDemand& demand) {
+  // The prediction is that of many edges, most_pixels is what all of them approach together.
+  constexpr double kMostShare = 0.999;
+  return predicted / (1.0 - std::min(kMostShare, predicted / demand.most_pixels));
+}
+
 /// What a light's maps gain together.
 TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   TexelDemand demand;
@@ -50,11 +59,14 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   if (edges_known && samples.source != SampleSource::kShadowBoundary) return demand;
   double texels = 0.0;
   for (const ShadowProjection& projection : ProjectionsOf(light.fit)) texels += projection.size.texels();
-  demand.cost = PredictedPixels(light) * std::sqrt(texels);
+  double length = 0.0;
+  for (const BoundarySamples* boundary : {&samples.boundary, &samples.rough_boundary}) {
+    length = std::accumulate(boundary->length.begin(), boundary->length.end(), length);
+  }
+  demand.unit_pixels = kUnsampled * kUnitPixelsPerLength * length;
+  demand.most_pixels = kUnsampled * kEdgeLimit * length;
+  demand.cost = Displaced(PredictedPixels(light), demand) * std::sqrt(texels);
   if (!std::isfinite(demand.cost)) demand.cost = 0.0;
-  for (const double length : samples.boundary.length) demand.unit_pixels += length;
-  for (const double length : samples.rough_boundary.length) demand.unit_pixels += length;
-  demand.unit_pixels *= kUnsampled * kUnitPixelsPerLength;
   return demand;
 }
 
@@ -111,8 +123,8 @@ absl::Status SizeByTolerance(const ToleranceOptions& options, const LightMatrixM
   for (const ShadowProjection& projection : fitted) fitted_texels += projection.size.texels();
   TexelDemand demand = DemandOf(*light, edges_known);
   double texels = SafeTexels(demand, allowed);
-  // The prediction caps what rough samples cost (prediction.h), so that it falls more slowly from a coarse
-  // map on; and rounded sides change the aspect ratio, which may cost a little.
+  // Edges do not saturate all at once, as the demand has it; and rounded sides change the aspect ratio, which
+  // may cost a little.
   constexpr int kMostAttempts = 16;
   for (int attempt = 0; attempt < kMostAttempts; ++attempt) {
     std::vector<MapSize> sizes;
@@ -123,7 +135,7 @@ absl::Status SizeByTolerance(const ToleranceOptions& options, const LightMatrixM
       largest = largest && sizes.back().texels() < texels * share;
     }
     if (absl::Status status = Resize(method, sizes, light); !status.ok()) return status;
-    demand.cost = PredictedPixels(*light);
+    demand.cost = Displaced(PredictedPixels(*light), demand);
     if (!(demand.unit_pixels > 0.0) || !(SafeWrongPixels(demand, {1, 1}) > allowed)) return absl::OkStatus();
     if (largest) break;
     double sized_texels = 0.0;

@@ -22,8 +22,7 @@ struct Part {
 };
 
 void Copy(const BoundarySamples& from, size_t i, BoundarySamples* to) {
-  to->Add(from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]}, from.length[i],
-          from.inverse_limit[i]);
+  to->Add(from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]}, from.length[i]);
 }
 
 /// Deals samples out by their rays.

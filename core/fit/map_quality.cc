@@ -16,6 +16,7 @@ struct Sums {
   double length = 0.0;
   double per_area = 0.0;   ///< l / a
   double root_area = 0.0;  ///< l sqrt(a)
+  double displaced = 0.0;  ///< l y
   double predicted = 0.0;
 };
 
@@ -55,13 +56,14 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
         glm::cross((texel_rows[0] - u.x * texel_rows[2]) / u.z, (texel_rows[1] - u.y * texel_rows[2]) / u.z);
     const double area = glm::length(pixel_beam) / glm::length(texel_beam);
     if (!std::isfinite(area) || !(area > 0.0)) continue;
-    const double pixels = EdgeMetricOfSample(samples, i, projection.texel_from_ray);
-    if (!(pixels > 0.0) || !std::isfinite(pixels)) continue;
+    const double displacement = EdgeDisplacement(samples, i, projection.texel_from_ray);
+    if (!(displacement > 0.0) || !std::isfinite(displacement)) continue;
     const double length = samples.length[i];
     sums->length += length;
     sums->per_area += length / area;
     sums->root_area += length * std::sqrt(area);
-    sums->predicted += pixels;
+    sums->displaced += length * displacement;
+    sums->predicted += EdgeMetricOfSample(samples, i, projection.texel_from_ray);
   }
 }
 
@@ -140,7 +142,8 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
   quality.fit = std::sqrt(1.0 / fill);
   quality.budget = root_even / quality.fit;
   quality.perspective = sums.root_area / (sums.length * root_even);
-  quality.projection = sums.predicted / (kUnitPixelsPerLength * sums.root_area);
+  quality.projection = sums.displaced / (kUnitPixelsPerLength * sums.root_area);
+  quality.saturation = sums.predicted / sums.displaced;
   return quality;
 }
 

@@ -19,10 +19,10 @@ std::string_view MapFlawName(MapFlaw flaw);
 /// across it: ((1/4 - 1/12) sqrt(1/2) + ln(1 + sqrt(2)) / 12) / (pi/4).
 inline constexpr double kUnitPixelsPerLength = 0.24356936;
 
-/// Why a map is predicted to get as many pixels wrong as it is: four factors whose product is the prediction
-/// over that of a map which had one texel for every pixel at every shadow edge,
+/// Why a map is predicted to get as many pixels wrong as it is: factors whose product is the prediction over
+/// what a map displaces edges by which had one texel for every pixel at every shadow edge,
 ///
-///   predicted = budget * fit * perspective * projection * unit_pixels.
+///   predicted = budget * fit * perspective * projection * saturation * unit_pixels.
 ///
 /// At an edge sample i of length l_i let P be the gradients of the two pixel coordinates by the world point,
 /// and U those of the two texel coordinates. The beam of a pixel, cut at right angles, has the area 1/|P1 x
@@ -45,8 +45,11 @@ inline constexpr double kUnitPixelsPerLength = 0.24356936;
 ///   fit          sqrt(1 / fill), at least 1: texels that lie outside all that is seen.
 ///   perspective  sum(l_i sqrt(a_i)) / (L sqrt(a)), at least 1: texels spread unevenly, large ones where the
 ///                viewer is near. 1 where light and viewer are in one place.
-///   projection   predicted / (k sum(l_i sqrt(a_i))): surfaces that the light grazes and the viewer does not.
+///   projection   sum(l_i y_i) / (k sum(l_i sqrt(a_i))), y_i the displacement (metric.h): surfaces that the
+///   light grazes and the viewer does not.
 ///                Below 1 where it is the other way round, or where edges run along the texels' long sides.
+///   saturation   predicted / sum(l_i y_i), at most 1: shadows are lost rather than displaced where texels
+///                are larger than they. The larger the others, the smaller it is.
 ///
 /// A matrix trades them for each other: an optimized one has perspective above its least to meet projection.
 struct MapQuality {
@@ -56,6 +59,7 @@ struct MapQuality {
   double projection = 1.0;
   double fit = 1.0;
   double budget = 1.0;
+  double saturation = 1.0;
 
   /// The largest factor above 1; none where no wrong pixels are predicted.
   MapFlaw Worst() const;

@@ -69,9 +69,10 @@ double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray)
     const auto width =
         hn::Add(hn::Mul(hn::Set(d, 0.25), s), hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
     const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
-    const auto pixels = hn::Mul(hn::Mul(load(samples.length), width), scale);
+    const auto displacement = hn::Mul(width, scale);
     const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
-    const auto counted = hn::Div(pixels, hn::MulAdd(pixels, load(samples.inverse_limit), hn::Set(d, 1.0)));
+    const auto counted = hn::Div(hn::Mul(load(samples.length), displacement),
+                                 hn::MulAdd(displacement, hn::Set(d, 1.0 / kEdgeLimit), hn::Set(d, 1.0)));
     sum = hn::Add(sum, hn::IfThenElseZero(usable, counted));
   });
   return hn::GetLane(hn::SumOfLanes(d, sum));
@@ -128,7 +129,7 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
   return *middle;
 }
 
-double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
+double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
   const glm::dvec3 r = samples.Ray(i);
   const glm::dvec3 h_r = texel_from_ray * r;
   if (!(h_r.z > 0.0)) return 0.0;
@@ -145,8 +146,12 @@ double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::d
   const double s = std::max(along1, along2);
   const double t = std::min(along1, along2);
   if (!(s > 0.0)) return 0.0;
-  const double pixels = samples.length[i] * (0.25 * s + t * t / (12.0 * s)) * (h_r.z * h_r.z / std::abs(det));
-  return pixels / (1.0 + pixels * samples.inverse_limit[i]);
+  return (0.25 * s + t * t / (12.0 * s)) * (h_r.z * h_r.z / std::abs(det));
+}
+
+double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
+  const double displacement = EdgeDisplacement(samples, i, texel_from_ray);
+  return samples.length[i] * displacement / (1.0 + displacement / kEdgeLimit);
 }
 
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {

@@ -34,12 +34,19 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 ///
 ///   E|S + T| = s/4 + t^2 / (12 s).
 ///
-/// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  Times a sample's length of edge
-/// this is y pixels, of which y / (1 + y / limit) count: about all of them while they are few, and never more
-/// than the sample's limit. Summed over samples; those with h3.r <= 0 or a singular Jacobian are left out.
+/// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  The wrong strip is only as wide as
+/// that, y, where the shadow and the light beside it are wider: counted against rays, edges of all scenes get
+/// y / (1 + y / kEdgeLimit) pixels wrong for each pixel of their length. Summed over the samples' lengths;
+/// samples with h3.r <= 0 or a singular Jacobian are left out.
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
 
-/// One sample's part of it; 0 where it is left out.
+/// Pixels; what an edge approaches as texels grow.
+inline constexpr double kEdgeLimit = 4.0;
+
+/// The y of one sample's edge, pixels; 0 where it is left out.
+double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
+
+/// One sample's part of the metric.
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
 
 }  // namespace shadowfit

@@ -81,8 +81,7 @@ class AxisDescent {
     BoundarySamples kept;
     for (size_t i = 0; i < all.size(); ++i) {
       if (!hull_.Keeps(hull_.normalized_from_ray * all.Ray(i))) continue;
-      kept.Add(all.Ray(i), all.RayDx1(i), all.RayDx2(i), all.q[i], {all.n1[i], all.n2[i]}, all.length[i],
-               all.inverse_limit[i]);
+      kept.Add(all.Ray(i), all.RayDx1(i), all.RayDx2(i), all.q[i], {all.n1[i], all.n2[i]}, all.length[i]);
     }
     return kept;
   }

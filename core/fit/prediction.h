@@ -14,6 +14,6 @@ double PredictMisclassifiedPixels(const LightSamples& samples, std::span<const S
 /// Wrong pixels for every one that is expected at an edge that the samples show: others lie at features that
 /// 180x180 samples miss (railings, leaves, rims). With this factor the median over the 750 lights of the
 /// plaza's comparison is 0.95 of the count.
-inline constexpr double kUnsampled = 1.65;
+inline constexpr double kUnsampled = 2.0;
 
 }  // namespace shadowfit

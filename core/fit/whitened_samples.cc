@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/fit/edge_kernels.h"
+#include "core/fit/metric.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/fit/whitened_samples.cc"
@@ -16,11 +17,9 @@
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
 
-/// Appends samples from element `first` on, where the arrays have room for as many and a vector more;
-/// `pixels_per_length` are the wrong pixels to be expected for a covector at the axis (0, 0, 1), by its
-/// length. Returns one past the last element.
-size_t AddSamples(const BoundarySamples& samples, double pixels_per_length, size_t first,
-                  WhitenedSamples* whitened) {
+/// Appends samples from element `first` on, where the arrays have room for as many and a vector more. Returns
+/// one past the last element.
+size_t AddSamples(const BoundarySamples& samples, size_t first, WhitenedSamples* whitened) {
   const DoubleLanes d;
   const hn::Rebind<float, DoubleLanes> df;
   const glm::dmat3& t = whitened->whitened_from_ray;
@@ -35,14 +34,9 @@ size_t AddSamples(const BoundarySamples& samples, double pixels_per_length, size
       return hn::Sub(hn::Mul(n1, along2), hn::Mul(n2, along1));
     };
     const Doubles3 edge = Cross(p, {across(dp1.x, dp2.x), across(dp1.y, dp2.y), across(dp1.z, dp2.z)});
-    const Doubles scale = hn::Div(hn::Mul(load(samples.length), p.z), Dot(p, Cross(dp1, dp2)));
-    // The covector at the axis (0, 0, 1) is (E1, E2).
-    const Doubles length =
-        hn::Mul(hn::Abs(scale), hn::Sqrt(hn::Add(hn::Mul(edge.x, edge.x), hn::Mul(edge.y, edge.y))));
-    const auto excess = hn::MulAdd(hn::Mul(length, hn::Set(d, pixels_per_length)),
-                                   load(samples.inverse_limit), hn::Set(d, 1.0));
-    const Doubles counted = hn::Div(scale, hn::Mul(excess, excess));
-    const Doubles3 e{hn::Mul(edge.x, counted), hn::Mul(edge.y, counted), hn::Mul(edge.z, counted)};
+    const Doubles length = load(samples.length);
+    const Doubles scale = hn::Div(hn::Mul(length, p.z), Dot(p, Cross(dp1, dp2)));
+    const Doubles3 e = Scaled(edge, scale);
     const auto usable = hn::And(hn::Gt(p.z, hn::Zero(d)),
                                 hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
     const auto store = [&](Doubles v, std::vector<float>* to) {
@@ -53,6 +47,7 @@ size_t AddSamples(const BoundarySamples& samples, double pixels_per_length, size
     store(e.x, &whitened->e1);
     store(e.y, &whitened->e2);
     store(e.z, &whitened->e3);
+    store(hn::Div(hn::Set(d, 1.0 / kEdgeLimit), length), &whitened->inverse_limit);
     next += hn::CountTrue(d, usable);
   });
   return next;
@@ -131,8 +126,8 @@ glm::dmat2 InverseSquareRoot(const Moments& m) {
          glm::outerProduct(minor, minor) / std::sqrt(small);
 }
 
-std::array<std::vector<float>*, 5> Arrays(WhitenedSamples* samples) {
-  return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3};
+std::array<std::vector<float>*, 6> Arrays(WhitenedSamples* samples) {
+  return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3, &samples->inverse_limit};
 }
 
 void PadToLanes(WhitenedSamples* samples) {
@@ -162,16 +157,32 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull) {
 
   const size_t count = problem.samples->boundary.size() + problem.samples->rough_boundary.size();
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(count + kMostDoubles);
-  // At the axis (0, 0, 1) the hull is about as wide as a square of unit second moments, sqrt(12), and a texel
-  // that by the map's width; the mean of s/4 + t^2/(12 s) over directions is 0.29 times the covector's
-  // length.
-  const double pixels_per_length = 0.29 * std::sqrt(12.0 / problem.map_size.texels());
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
-  const size_t reliable = add(problem.samples->boundary, pixels_per_length, 0, &whitened);
-  const size_t all = add(problem.samples->rough_boundary, pixels_per_length, reliable, &whitened);
+  const size_t reliable = add(problem.samples->boundary, 0, &whitened);
+  const size_t all = add(problem.samples->rough_boundary, reliable, &whitened);
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(all);
   PadToLanes(&whitened);
   return whitened;
+}
+
+WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened) {
+  // With the last row (axis, 1) a map is u = A p.xy / w + t: row k of H is (A_k, 0) + t_k (axis, 1).
+  const glm::dmat3 rows = glm::transpose(texel_from_whitened);
+  const glm::dvec2 axis = glm::dvec2(rows[2]) / rows[2].z;
+  glm::dmat2 a_rows;
+  for (const glm::length_t k : {0, 1}) {
+    a_rows[k] = (glm::dvec2(rows[k]) - rows[k].z * axis) / rows[2].z;
+  }
+  // Columns: one texel's step along each of the map's sides.
+  const glm::dmat2 steps = glm::inverse(glm::transpose(a_rows));
+  const auto rounded = [](const glm::dvec2& v) {
+    return std::array<float, 2>{static_cast<float>(v.x), static_cast<float>(v.y)};
+  };
+  WhitenedSamples tangent = samples;
+  WeighByTangent(samples.x.data(), samples.y.data(), samples.inverse_limit.data(), samples.x.size(),
+                 rounded(axis).data(), rounded(steps[0]).data(), rounded(steps[1]).data(), tangent.e1.data(),
+                 tangent.e2.data(), tangent.e3.data());
+  return tangent;
 }
 
 WhitenedSamples Thin(const WhitenedSamples& samples, int most) {
@@ -187,6 +198,7 @@ WhitenedSamples Thin(const WhitenedSamples& samples, int most) {
     thin.e1.push_back(samples.e1[i] * scale);
     thin.e2.push_back(samples.e2[i] * scale);
     thin.e3.push_back(samples.e3[i] * scale);
+    thin.inverse_limit.push_back(samples.inverse_limit[i] / scale);
   }
   PadToLanes(&thin);
   return thin;

@@ -37,13 +37,19 @@ struct WhitenedSamples {
   std::vector<float> e1;
   std::vector<float> e2;
   std::vector<float> e3;
+  /// One over the wrong pixels that the sample approaches as texels grow, l kEdgeLimit (metric.h).
+  std::vector<float> inverse_limit;
 };
 
 /// Whitens what a hull (not empty) holds of the problem's samples; those outside it, which only an incomplete
-/// hull has, and those seen edge-on by the light, whose covector does not exist, are left out. A sample with
-/// a limit (BoundarySamples::inverse_limit) counts by the slope of its part of the `edge` metric, (1 + y /
-/// limit)^-2, at about the y that it has for the axis (0, 0, 1).
+/// hull has, and those seen edge-on by the light, whose covector does not exist, are left out.
 WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull);
+
+/// The samples' sum of l y, which searches and certificates minimise, is the `edge` metric only while texels
+/// are small. That metric is a sum of concave functions f of l y, f = l y / (1 + l y / limit): it lies below
+/// its tangent, the sum of f' l y, which touches it at one map. This weighs samples by f' at that map: what
+/// has a lesser tangent than the map has a lesser metric, too. `texel_from_whitened` sees all samples.
+WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened);
 
 /// Every k-th sample, k the least that leaves at most `most`, with k times its length. Samples come row by
 /// row over the screen, so that every k-th is an even choice.

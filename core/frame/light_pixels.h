@@ -31,7 +31,7 @@ struct LightPixels {
 
   /// Of `hull`: neighbours across an edge of the light's shadow.
   EdgeCrossings edges;
-  /// Neighbours across what may be one, times the chance that it is.
+  /// Neighbours across what may be one, times the edges that there are for each of them on average.
   EdgeCrossings rough_edges;
 };
 

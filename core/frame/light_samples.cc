@@ -12,14 +12,12 @@ void BoundarySamples::Resize(size_t count) {
   n1.resize(count);
   n2.resize(count);
   length.resize(count);
-  inverse_limit.resize(count);
 }
 
 void BoundarySamples::Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
-                          double along_ray, const glm::dvec2& normal, double edge_length,
-                          double one_over_limit) {
+                          double along_ray, const glm::dvec2& normal, double edge_length) {
   Resize(size() + 1);
-  Set(size() - 1, ray, ray_dx1, ray_dx2, along_ray, normal, edge_length, one_over_limit);
+  Set(size() - 1, ray, ray_dx1, ray_dx2, along_ray, normal, edge_length);
 }
 
 }  // namespace shadowfit

@@ -18,14 +18,11 @@ struct BoundarySamples {
   std::vector<double> n1;      ///< Screen-space unit normal of the shadow edge, x.
   std::vector<double> n2;      ///< Screen-space unit normal of the shadow edge, y.
   std::vector<double> length;  ///< Length of edge that the sample stands for, in final-screen pixels.
-  /// One over the wrong pixels that the sample approaches as texels grow: of leaves, a map that resolves
-  /// nothing gets a share wrong and no more. 0 where there is no limit.
-  std::vector<double> inverse_limit;
 
   size_t size() const { return n1.size(); }
   void Resize(size_t count);
   void Set(size_t i, const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
-           double along_ray, const glm::dvec2& normal, double edge_length, double one_over_limit = 0.0) {
+           double along_ray, const glm::dvec2& normal, double edge_length) {
     for (glm::length_t k = 0; k < 3; ++k) {
       r[k][i] = ray[k];
       dr1[k][i] = ray_dx1[k];
@@ -35,10 +32,9 @@ struct BoundarySamples {
     n1[i] = normal.x;
     n2[i] = normal.y;
     length[i] = edge_length;
-    inverse_limit[i] = one_over_limit;
   }
   void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2, double along_ray,
-           const glm::dvec2& normal, double edge_length, double one_over_limit = 0.0);
+           const glm::dvec2& normal, double edge_length);
   glm::dvec3 Ray(size_t i) const { return {r[0][i], r[1][i], r[2][i]}; }
   glm::dvec3 RayDx1(size_t i) const { return {dr1[0][i], dr1[1][i], dr1[2][i]}; }
   glm::dvec3 RayDx2(size_t i) const { return {dr2[0][i], dr2[1][i], dr2[2][i]}; }
@@ -58,7 +54,7 @@ struct LightSamples {
   BoundarySamples boundary;
   /// Boundary samples beside depth discontinuities and terminators or without reliable derivatives (leaves,
   /// thin things), with the best guess at both: a surface that faces the viewer where nothing is known.
-  /// Lengths are times the chance that there is an edge at all. The papers leave them out.
+  /// Lengths are times the edges that there are, on average, for each that shows. The papers leave them out.
   BoundarySamples rough_boundary;
   std::vector<glm::dvec3> hull_rays;   ///< Ray coordinates that the map must contain.
   std::vector<double> hull_along_ray;  ///< Their along-ray coordinates q (see RaySpace), for the depth row.

@@ -1,7 +1,5 @@
 #include "core/frame/sample_rays.h"
 
-#include <limits>
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/frame/sample_rays.cc"
 #include <hwy/foreach_target.h>
@@ -25,15 +23,9 @@ struct Rays {
 /// Boundary samples that are being filled, with room for a vector beyond the last.
 class BoundaryFiller {
  public:
-  /// `most_wrong` pixels are what a crossing approaches as texels grow; infinity: no limit.
   BoundaryFiller(const EdgeCrossings& edges, const EdgeDirections& directions, const glm::dvec2& scale,
-                 double most_wrong, BoundarySamples* samples, LaneList<int32_t>* textures)
-      : edges_(edges),
-        directions_(directions),
-        scale_(scale),
-        most_wrong_(most_wrong),
-        samples_(*samples),
-        textures_(*textures) {}
+                 BoundarySamples* samples, LaneList<int32_t>* textures)
+      : edges_(edges), directions_(directions), scale_(scale), samples_(*samples), textures_(*textures) {}
 
   /// Those of the hull samples from i on that have crossings.
   HWY_INLINE void Add(size_t i, const Rays& rays, const LaneList<EdgePattern>& patterns) {
@@ -64,7 +56,6 @@ class BoundaryFiller {
     put(hn::GatherIndex(d, table, entry), &samples_.n1);
     put(hn::GatherIndex(d, table + 1, entry), &samples_.n2);
     put(hn::Mul(crossings, hn::GatherIndex(d, table + 2, entry)), &samples_.length);
-    put(hn::Div(one, hn::Mul(crossings, hn::Set(d, most_wrong_))), &samples_.inverse_limit);
 
     const size_t found = hn::CountTrue(d, crossed);
     const auto is_texture = hn::RebindMask(d, hn::Eq(pattern, hn::Set(LongLanes(), kTexture)));
@@ -85,7 +76,6 @@ class BoundaryFiller {
   const EdgeCrossings& edges_;
   const EdgeDirections& directions_;
   const glm::dvec2 scale_;
-  const double most_wrong_;
   BoundarySamples& samples_;
   LaneList<int32_t>& textures_;
   size_t count_ = 0;
@@ -100,12 +90,9 @@ void Fill(const PixelSurfaces& surfaces, const LightPixels& pixels, const LaneLi
   const glm::dmat3& linear = ray_space.linear();
   const Doubles3 offset = Set(ray_space.offset());
   const Doubles3 direction = Set(ray_space.ws_direction());
-  BoundaryFiller boundary(pixels.edges, directions, scale, std::numeric_limits<double>::infinity(),
-                          &samples->boundary, &textures->boundary);
-  // Where a share p of a pixel is in shadow at random, a map that resolves nothing is wrong in 2 p (1 - p) of
-  // it, a third in the mean over p. Four crossings make a pixel.
-  BoundaryFiller rough_boundary(pixels.rough_edges, directions, scale, scale.x * scale.y / 3.0 / 4.0,
-                                &samples->rough_boundary, &textures->rough_boundary);
+  BoundaryFiller boundary(pixels.edges, directions, scale, &samples->boundary, &textures->boundary);
+  BoundaryFiller rough_boundary(pixels.rough_edges, directions, scale, &samples->rough_boundary,
+                                &textures->rough_boundary);
   for (size_t i = 0; i < pixels.hull.size(); i += hn::Lanes(d)) {
     const Gather gather(hn::LoadU(IndexLanes(), pixels.hull.data() + i));
     const Doubles3 position = gather(surfaces.ws_position);

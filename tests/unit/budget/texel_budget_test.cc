@@ -203,6 +203,7 @@ TEST(SafeTexels, AreJustEnough) {
   for (int trial = 0; trial < 200; ++trial) {
     TexelDemand demand = RandomDemands(random, 1)[0];
     demand.unit_pixels = std::exp(Uniform(random, 2.0, 7.0));
+    demand.most_pixels = 16.0 * demand.unit_pixels;
     const double allowed = std::exp(Uniform(random, 1.0, 8.0));
     const double texels = SafeTexels(demand, allowed);
     if (texels < 4.0) continue;

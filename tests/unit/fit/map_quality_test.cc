@@ -26,7 +26,7 @@ FrameSummary Optimized(const FrameRequest& request, Method method) {
 }
 
 double Product(const MapQuality& q) {
-  return q.unit_pixels * q.perspective * q.projection * q.fit * q.budget;
+  return q.unit_pixels * q.perspective * q.projection * q.fit * q.budget * q.saturation;
 }
 
 OwnedFrame FrameOf(const glm::dvec3& ws_eye, const glm::dvec3& ws_target, double fov_y, const Light& light,
@@ -79,6 +79,9 @@ TEST(MapQuality, TexelsChangeTheBudgetAlone) {
   EXPECT_NEAR(large.fit, small.fit, 0.01 * small.fit);
   EXPECT_NEAR(large.perspective, small.perspective, 0.01);
   EXPECT_NEAR(large.projection, small.projection, 0.01);
+  // Smaller texels lose less of what they displace.
+  EXPECT_GT(large.saturation, small.saturation);
+  EXPECT_LE(large.saturation, 1.0);
 }
 
 TEST(MapQuality, UnusedTexelsChangeTheFitAlone) {
@@ -98,8 +101,7 @@ TEST(MapQuality, UnusedTexelsChangeTheFitAlone) {
   EXPECT_NEAR(b.fit, 2.0 * a.fit, 1e-6 * b.fit);
   EXPECT_NEAR(b.budget, a.budget, 1e-6 * a.budget);
   EXPECT_NEAR(b.perspective, a.perspective, 1e-6);
-  // What rough samples cost is capped.
-  EXPECT_NEAR(b.projection, a.projection, 0.02 * a.projection);
+  EXPECT_NEAR(b.projection, a.projection, 1e-6 * a.projection);
   EXPECT_EQ(b.Worst() == MapFlaw::kFit, b.fit > std::max({b.budget, b.perspective, b.projection}));
 }
 

@@ -101,8 +101,8 @@ class PlainSampler {
       if (facing == Facing::kAway || facing == Facing::kGrazing) continue;
       AddHull(space, p, true, &samples);
       if (facing != Facing::kTowards) continue;
-      AddSample(samples, {1.0, 0.0}, 0.5 * scale_.y, 0.0, &samples.boundary);
-      AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, 0.0, &samples.boundary);
+      AddSample(samples, {1.0, 0.0}, 0.5 * scale_.y, &samples.boundary);
+      AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, &samples.boundary);
     }
     if (!samples.hull_rays.empty()) samples.source = SampleSource::kAllVisible;
     return samples;
@@ -215,10 +215,10 @@ class PlainSampler {
     samples->hull_rays_dx2.push_back(space.RayFromVector(surface.dx2));
   }
   /// At the last hull sample.
-  void AddSample(const LightSamples& hull, const glm::dvec2& normal, double length, double inverse_limit,
+  void AddSample(const LightSamples& hull, const glm::dvec2& normal, double length,
                  BoundarySamples* to) const {
     to->Add(hull.hull_rays.back(), hull.hull_rays_dx1.back() / scale_.x, hull.hull_rays_dx2.back() / scale_.y,
-            hull.hull_along_ray.back(), normal, length, inverse_limit);
+            hull.hull_along_ray.back(), normal, length);
   }
 
   void AddEdges(const RaySpace& space, Pixel p, Facing facing, uint32_t light, LightSamples* samples) const {
@@ -240,19 +240,16 @@ class PlainSampler {
         ++(next > 0.0 ? crossings : terminators);
       }
     }
-    const std::array<double, 4> chances = {0.33, 0.27, 0.18, 0.12};
+    const std::array<double, 4> edges = {0.53, 0.43, 0.29, 0.19};
     const bool lit_beside = crossings + discontinuous + terminators > 0;
-    const double rough = discontinuous * chances[std::min<size_t>(supports, 3)] + terminators * 0.2 +
-                         away * (lit_beside ? 0.2 : 0.03);
-    const double most_wrong = scale_.x * scale_.y / 3.0;
-    if (crossings > 0) AddEdge(space, p, light, crossings, 0.0, *samples, &samples->boundary);
-    if (rough > 0) {
-      AddEdge(space, p, light, rough, 4.0 / (rough * most_wrong), *samples, &samples->rough_boundary);
-    }
+    const double rough = discontinuous * edges[std::min<size_t>(supports, 3)] + terminators * 0.32 +
+                         away * (lit_beside ? 0.32 : 0.05);
+    if (crossings > 0) AddEdge(space, p, light, crossings, *samples, &samples->boundary);
+    if (rough > 0) AddEdge(space, p, light, rough, *samples, &samples->rough_boundary);
   }
 
-  void AddEdge(const RaySpace& space, Pixel p, uint32_t light, double crossings, double inverse_limit,
-               const LightSamples& hull, BoundarySamples* to) const {
+  void AddEdge(const RaySpace& space, Pixel p, uint32_t light, double crossings, const LightSamples& hull,
+               BoundarySamples* to) const {
     const auto bit = [&](int dx, int dy) {
       const Pixel at = p + Step{dx, dy};
       return (Bits(Visible(at) ? at : p) & light) != 0 ? 1 : 0;
@@ -275,10 +272,10 @@ class PlainSampler {
       const auto ge = static_cast<int32_t>(std::lround((xx - yy) / 4.0));
       const EdgeDirection& edge =
           directions_.data()[EdgePatternOf(ge, static_cast<int32_t>(std::lround(xy)))];
-      AddSample(hull, edge.normal, crossings * edge.length_per_crossing, inverse_limit, to);
+      AddSample(hull, edge.normal, crossings * edge.length_per_crossing, to);
       return;
     }
-    AddSample(hull, {1.0, 0.0}, crossings * 0.25 * (scale_.x + scale_.y), inverse_limit, to);
+    AddSample(hull, {1.0, 0.0}, crossings * 0.25 * (scale_.x + scale_.y), to);
     TurnTexture(space, to->size() - 1, to);
   }
 
