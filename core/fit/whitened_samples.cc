@@ -37,7 +37,7 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, WhitenedSamples*
     const Doubles length = load(samples.length);
     const Doubles scale = hn::Div(hn::Mul(length, p.z), Dot(p, Cross(dp1, dp2)));
     const Doubles3 e = Scaled(edge, scale);
-    const auto usable = hn::And(hn::Gt(p.z, hn::Zero(d)),
+    const auto usable = hn::And(hn::And(hn::Gt(p.z, hn::Zero(d)), hn::Gt(length, hn::Zero(d))),
                                 hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
     const auto store = [&](Doubles v, std::vector<float>* to) {
       hn::StoreU(hn::DemoteTo(df, hn::Compress(v, usable)), df, to->data() + next);

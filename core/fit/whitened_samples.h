@@ -42,7 +42,8 @@ struct WhitenedSamples {
 };
 
 /// Whitens what a hull (not empty) holds of the problem's samples; those outside it, which only an incomplete
-/// hull has, and those seen edge-on by the light, whose covector does not exist, are left out.
+/// hull has, and those without length and those seen edge-on by the light, whose covector does not exist,
+/// are left out.
 WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull);
 
 /// The samples' sum of l y, which searches and certificates minimise, is the `edge` metric only while texels

@@ -45,6 +45,7 @@ inline WhitenedSamples RandomWhitenedSamples(std::mt19937& random, int count) {
       lane->push_back(0.0f);
     }
   }
+  samples.inverse_limit.resize(samples.x.size(), 0.0f);
   return samples;
 }
 

@@ -291,7 +291,9 @@ int main(int argc, char** argv) {
   int threads = 2;
   bool scaling = false;
   app.add_flag("--scaling", scaling, "Time over 1 K to 4 M triangles and 0.2 to 8 M samples");
-  app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair")->delimiter(',');
+  app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"1k", "10k", "100k", "1m", "4m", "terrain", "hair"}));
   app.add_option("--repeats", options.repeats)->check(CLI::Range(1, 1000));
   app.add_option("--threads", threads)->check(CLI::Range(1, 256));
   app.add_flag("!--no-bsp", options.bsp, "Not the paper's hierarchy, once a scene");
