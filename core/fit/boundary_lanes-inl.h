@@ -9,6 +9,8 @@
 
 #include <hwy/highway.h>
 
+#include <array>
+#include <cstdint>
 #include <vector>
 
 #include "core/math/double_lanes-inl.h"
@@ -19,7 +21,7 @@ namespace shadowfit::HWY_NAMESPACE {
 /// Calls add(load) for all of `count` samples, some at a time. load(array) is their part of one of the
 /// samples' arrays, 0 in lanes beyond the last sample; load(three arrays) that of three.
 template <class Add>
-void ForBoundaryLanes(size_t count, const Add& add) {
+HWY_INLINE void ForBoundaryLanes(size_t count, const Add& add) {
   const DoubleLanes d;
   struct Load {
     hn::Mask<DoubleLanes> mask;
@@ -32,6 +34,31 @@ void ForBoundaryLanes(size_t count, const Add& add) {
     }
   };
   for (size_t i = 0; i < count; i += hn::Lanes(d)) add(Load{hn::FirstN(d, count - i), i});
+}
+
+/// The same for samples `first`, first + stride and so on below `count`.
+template <class Add>
+HWY_INLINE void ForSomeBoundaryLanes(size_t first, size_t stride, size_t count, const Add& add) {
+  const DoubleLanes d;
+  const hn::RebindToSigned<DoubleLanes> di;
+  struct Load {
+    hn::Mask<DoubleLanes> mask;
+    hn::Vec<hn::RebindToSigned<DoubleLanes>> indices;
+    Doubles operator()(const std::vector<double>& v) const {
+      return hn::IfThenElseZero(mask, hn::GatherIndex(DoubleLanes(), v.data(), indices));
+    }
+    Doubles3 operator()(const std::vector<double> (&v)[3]) const {
+      return {(*this)(v[0]), (*this)(v[1]), (*this)(v[2])};
+    }
+  };
+  std::array<int64_t, 8> multiples;
+  for (size_t k = 0; k < multiples.size(); ++k) multiples[k] = static_cast<int64_t>(k * stride);
+  const auto steps = hn::LoadU(di, multiples.data());
+  for (size_t i = first; i < count; i += stride * hn::Lanes(d)) {
+    const auto indices = hn::Add(hn::Set(di, static_cast<int64_t>(i)), steps);
+    const auto within = hn::Lt(indices, hn::Set(di, static_cast<int64_t>(count)));
+    add(Load{hn::RebindMask(d, within), hn::IfThenElseZero(within, indices)});
+  }
 }
 
 }  // namespace shadowfit::HWY_NAMESPACE
