@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/bias/surface_samples.h"
+#include "core/fit/depth_range.h"
 #include "core/fit/frame_sizing.h"
 #include "core/fit/map_quality.h"
 #include "core/fit/method_factory.h"
@@ -137,54 +138,6 @@ std::array<glm::dvec3, 8> VisibleFrustumCorners(const Camera& camera, const Fram
     corners[static_cast<size_t>(i)] = glm::dvec3(corner) / corner.w;
   }
   return corners;
-}
-
-/// Depth range of a map: near at the nearest hull sample (casters before it are clamped), far beyond every
-/// visible point, so that lit surfaces behind the shadows still compare as lit against a cleared texel.
-DepthRange FitDepthRange(const RaySpace& ray_space, const ShadowProjection& projection,
-                         const LightSamples& samples, std::span<const glm::dvec3> ws_visible_corners) {
-  // A hundredth of slack on either side covers surfaces between the samples.
-  constexpr double kSlack = 0.01;
-  const glm::dvec3 axis = projection.Axis();
-  double w_low = 1e300;
-  double w_high = 0.0;
-  double q_low = 1e300;
-  double q_high = -1e300;
-  const auto add = [&](const glm::dvec3& ray, double q) {
-    const double w = glm::dot(axis, ray);
-    q_low = std::min(q_low, q);
-    q_high = std::max(q_high, q);
-    if (w > 0.0) {
-      w_low = std::min(w_low, w);
-      w_high = std::max(w_high, w);
-    }
-  };
-  for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
-    // Where a light has several maps, others hold the rest.
-    if (projection.Holds(samples.hull_rays[i], 1.0)) add(samples.hull_rays[i], samples.hull_along_ray[i]);
-  }
-  const double nearest_hull_w = w_low;
-  for (const glm::dvec3& corner : ws_visible_corners)
-    add(ray_space.RayFromPoint(corner), ray_space.AlongRay(corner));
-  if (!(w_high > 0.0)) w_low = w_high = 1.0;
-
-  DepthRange range;
-  if (!ray_space.is_directional()) {
-    // q = 1: depth runs over 1/w, from the nearest hull sample to the farthest visible point.
-    const double near_w = (nearest_hull_w < 1e300 ? nearest_hull_w : w_low) * (1.0 - kSlack);
-    range.near_q_over_w = 1.0 / near_w;
-    range.far_q_over_w = 1.0 / (std::max(w_high, near_w) * (1.0 + kSlack));
-    return range;
-  }
-  const double span = std::max(q_high - q_low, 1e-6 * (1.0 + std::abs(q_high)));
-  range.q_origin = q_low - kSlack * span;
-  range.near_q_over_w = 0.0;
-  // (q - origin) / w is largest where q is and w is smallest; where the axis plane cuts the visible frustum,
-  // w is bounded by the hull's.
-  const double w_least =
-      std::isfinite(nearest_hull_w) && nearest_hull_w < 1e300 ? std::min(w_low, nearest_hull_w) : w_low;
-  range.far_q_over_w = (span * (1.0 + 2.0 * kSlack)) / w_least;
-  return range;
 }
 
 /// Safe biases of the fitted matrices, where the request asks for them.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -24,43 +25,53 @@ namespace hn = hwy::HWY_NAMESPACE;
 /// inside it.
 constexpr double kRounding = 1e-12;
 
-/// Which of `count` rays are not strictly on the positive side of all `sides` covectors, together with their
-/// footprint r +- dx1/2 +- dx2/2 where dx1 is not null. A covector is linear, so that the least of the five
-/// values is c.r - (|c.dx1| + |c.dx2|) / 2. Rays are x, y, z in turn. Returns how many indices were written.
+/// Which of `count` rays may not be strictly on the positive side of all `sides` covectors, together with
+/// their footprint r +- dx1/2 +- dx2/2 where dx1 is not null. A covector is linear, so that the least of the
+/// five values is no less than c.r - |c|.(|dx1| + |dx2|) / 2, component by component: three numbers of a
+/// footprint for all sides. A covector's largest component is 1. Rays are x, y, z in turn. Returns how many
+/// indices were written.
 size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, size_t count,
                      const double (*covectors)[3], size_t sides, int32_t* outside) {
   const hn::CappedTag<double, 8> d;
   const size_t lanes = hn::Lanes(d);
-  size_t found = 0;
-  const auto along = [&](size_t side, const auto& x, const auto& y, const auto& z) {
-    return hn::Add(
-        hn::Add(hn::Mul(hn::Set(d, covectors[side][0]), x), hn::Mul(hn::Set(d, covectors[side][1]), y)),
-        hn::Mul(hn::Set(d, covectors[side][2]), z));
+  using V = hn::Vec<decltype(d)>;
+  struct V3 {
+    V x, y, z;
   };
+  const auto load = [&](const double* from) {
+    V3 v{hn::Undefined(d), hn::Undefined(d), hn::Undefined(d)};
+    hn::LoadInterleaved3(d, from, v.x, v.y, v.z);
+    return v;
+  };
+  const auto dot = [&](const V3& c, const V3& v) {
+    return hn::MulAdd(c.x, v.x, hn::MulAdd(c.y, v.y, hn::Mul(c.z, v.z)));
+  };
+  const auto abs = [&](const V3& v) { return V3{hn::Abs(v.x), hn::Abs(v.y), hn::Abs(v.z)}; };
+  size_t found = 0;
   size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
-    auto x = hn::Undefined(d), y = hn::Undefined(d), z = hn::Undefined(d);
-    auto x1 = hn::Zero(d), y1 = hn::Zero(d), z1 = hn::Zero(d);
-    auto x2 = hn::Zero(d), y2 = hn::Zero(d), z2 = hn::Zero(d);
-    hn::LoadInterleaved3(d, rays + 3 * i, x, y, z);
+    const V3 ray = load(rays + 3 * i);
+    const V3 sizes = abs(ray);
+    const auto rounding = hn::Mul(hn::Set(d, kRounding), hn::Add(hn::Add(sizes.x, sizes.y), sizes.z));
+    V3 around{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     if (dx1 != nullptr) {
-      hn::LoadInterleaved3(d, dx1 + 3 * i, x1, y1, z1);
-      hn::LoadInterleaved3(d, dx2 + 3 * i, x2, y2, z2);
+      const auto half = hn::Set(d, 0.5);
+      const V3 a = abs(load(dx1 + 3 * i));
+      const V3 b = abs(load(dx2 + 3 * i));
+      around = {hn::Mul(half, hn::Add(a.x, b.x)), hn::Mul(half, hn::Add(a.y, b.y)),
+                hn::Mul(half, hn::Add(a.z, b.z))};
     }
-    const auto size = hn::Add(hn::Add(hn::Abs(x), hn::Abs(y)), hn::Abs(z));
     auto inside = hn::Eq(hn::Zero(d), hn::Zero(d));
     for (size_t side = 0; side < sides; ++side) {
-      const auto reach = hn::Add(hn::Abs(along(side, x1, y1, z1)), hn::Abs(along(side, x2, y2, z2)));
-      const auto least = hn::Sub(along(side, x, y, z), hn::Mul(hn::Set(d, 0.5), reach));
-      const double largest = std::max(
-          {std::abs(covectors[side][0]), std::abs(covectors[side][1]), std::abs(covectors[side][2])});
+      const double* c = covectors[side];
+      const V3 covector{hn::Set(d, c[0]), hn::Set(d, c[1]), hn::Set(d, c[2])};
       // False for NaN.
-      inside = hn::And(inside, hn::Gt(least, hn::Mul(hn::Set(d, kRounding * largest), size)));
+      inside = hn::And(inside, hn::Gt(dot(covector, ray), hn::Add(dot(abs(covector), around), rounding)));
     }
     std::array<uint8_t, 8> bytes{};
     hn::StoreMaskBits(d, inside, bytes.data());
-    for (size_t lane = 0; lane < lanes; ++lane) {
-      if (((bytes[0] >> lane) & 1) == 0) outside[found++] = static_cast<int32_t>(i + lane);
+    for (unsigned left = ~unsigned{bytes[0]} & ((1u << lanes) - 1); left != 0; left &= left - 1) {
+      outside[found++] = static_cast<int32_t>(i) + std::countr_zero(left);
     }
   }
   for (; i < count; ++i) outside[found++] = static_cast<int32_t>(i);
@@ -79,7 +90,7 @@ HWY_EXPORT(RaysNotInside);
 constexpr size_t kCorners = 8;
 
 /// Every this many samples make the octagon; any part of the samples makes a valid one.
-constexpr size_t kProbes = 512;
+constexpr size_t kProbes = 128;
 
 /// Sides of the second polygon; hulls have about 16 vertices.
 constexpr size_t kMostSides = 32;
@@ -123,7 +134,9 @@ struct InnerPolygon {
 
  private:
   void Add(const glm::dvec3& covector) {
-    for (int axis = 0; axis < 3; ++axis) covectors[sides][axis] = covector[axis];
+    const glm::dvec3 sizes = glm::abs(covector);
+    const double largest = std::max({sizes.x, sizes.y, sizes.z});
+    for (int axis = 0; axis < 3; ++axis) covectors[sides][axis] = covector[axis] / largest;
     ++sides;
   }
 };
@@ -174,17 +187,22 @@ std::vector<int32_t> OutsideOfTheirHull(const Rays& all, const ImagePlane& plane
   return outer;
 }
 
+bool AnyInShadow(const LightSamples& samples) {
+  return std::find(samples.hull_in_shadow.begin(), samples.hull_in_shadow.end(), 1) !=
+         samples.hull_in_shadow.end();
+}
+
 }  // namespace
 
 std::vector<int32_t> HullSamples(const LightSamples& samples, HullOf hull_of) {
   std::vector<int32_t> chosen;
   const size_t count = samples.hull_rays.size();
   chosen.reserve(count);
-  if (hull_of == HullOf::kShadow) {
+  if (hull_of == HullOf::kShadow && AnyInShadow(samples)) {
     for (size_t i = 0; i < count; ++i) {
       if (samples.hull_in_shadow[i] != 0) chosen.push_back(static_cast<int32_t>(i));
     }
-    if (!chosen.empty()) return chosen;
+    return chosen;
   }
   chosen.resize(count);
   std::iota(chosen.begin(), chosen.end(), 0);
@@ -193,12 +211,17 @@ std::vector<int32_t> HullSamples(const LightSamples& samples, HullOf hull_of) {
 
 std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& ray_space, HullOf hull_of) {
   const std::vector<glm::dvec3>& rays = samples.hull_rays;
-  std::vector<int32_t> chosen = HullSamples(samples, hull_of);
+  const bool shadow_alone = hull_of == HullOf::kShadow && AnyInShadow(samples);
+  const auto is_asked = [&](size_t i) { return !shadow_alone || samples.hull_in_shadow[i] != 0; };
   std::vector<glm::dvec3> probes;
-  const size_t stride = std::max<size_t>(1, chosen.size() / kProbes);
-  for (size_t i = 0; i < chosen.size(); i += stride) probes.push_back(rays[static_cast<size_t>(chosen[i])]);
+  const size_t stride = std::max<size_t>(1, rays.size() / kProbes);
+  for (size_t i = 0; i < rays.size(); i += stride) {
+    if (is_asked(i)) probes.push_back(rays[i]);
+  }
   ImagePlane plane;
-  if (chosen.size() < 4 * kCorners || !FrontPlane(probes, ray_space.is_directional(), &plane)) return chosen;
+  if (probes.size() < 4 * kCorners || !FrontPlane(probes, ray_space.is_directional(), &plane)) {
+    return HullSamples(samples, hull_of);
+  }
   constexpr std::array<std::array<double, 2>, kCorners> kAlong = {
       {{1, 0}, {1, 1}, {0, 1}, {-1, 1}, {-1, 0}, {-1, -1}, {0, -1}, {1, -1}}};
   std::array<double, kCorners> most;
@@ -208,7 +231,7 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
   for (const glm::dvec3& probe : probes) {
     // Far from the axis the projection stretches too much to trust its rounding.
     if (!(glm::dot(plane.axis, probe) > 0.05 * glm::length(probe)) && !ray_space.is_directional()) {
-      return chosen;
+      return HullSamples(samples, hull_of);
     }
     const glm::dvec2 p = plane.Project(probe);
     for (size_t k = 0; k < kCorners; ++k) {
@@ -221,17 +244,15 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
   }
 
   const InnerPolygon octagon(plane, corner);
-  if (!octagon.HasArea()) return chosen;
+  if (!octagon.HasArea()) return HullSamples(samples, hull_of);
   const bool with_footprints = hull_of == HullOf::kShadow;
   const Rays all = {&rays, with_footprints ? &samples.hull_rays_dx1 : nullptr,
                     with_footprints ? &samples.hull_rays_dx2 : nullptr};
   std::vector<int32_t> outer = Outside(all, octagon);
-  if (chosen.size() < rays.size()) {
-    std::erase_if(outer, [&](int32_t i) { return samples.hull_in_shadow[static_cast<size_t>(i)] == 0; });
-  }
+  std::erase_if(outer, [&](int32_t i) { return !is_asked(static_cast<size_t>(i)); });
   if (!ray_space.is_directional()) {
     for (const int32_t i : outer) {
-      if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return chosen;
+      if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return HullSamples(samples, hull_of);
     }
   }
   return outer.size() < kFew ? outer : OutsideOfTheirHull(all, plane, outer);
