@@ -166,7 +166,7 @@ void EdgeFit::Refine(int steps, Result* best) const {
   }
 }
 
-EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
+EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps, double worth) {
   Result best;
   if (!MoveTo(axis)) return best;
   float costs[kCoarseDirections][kCoarseDirections];
@@ -179,7 +179,7 @@ EdgeFit::Result EdgeFit::Evaluate(const glm::dvec2& axis, int steps) {
       best = {static_cast<double>(costs[i][j]), {CoarseSides().exact[i], CoarseSides().exact[j], 1.0}};
     }
   }
-  Refine(steps, &best);
+  if (best.cost < worth) Refine(steps, &best);
   return best;
 }
 

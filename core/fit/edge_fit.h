@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <limits>
 #include <vector>
 
 #include "core/fit/edge_kernels.h"
@@ -48,8 +49,10 @@ class EdgeFit {
   static constexpr int kCoarse = 2;  ///< 5.6 degrees; the cost is square in the error, but at creases.
   static constexpr int kFine = 6;    ///< 0.35 degrees.
 
-  /// The best parallelogram at an axis, searched over all directions.
-  Result Evaluate(const glm::dvec2& axis, int steps = kFine);
+  /// The best parallelogram at an axis, searched over all directions; roughly where even so none costs less
+  /// than `worth`.
+  Result Evaluate(const glm::dvec2& axis, int steps = kFine,
+                  double worth = std::numeric_limits<double>::infinity());
 
   /// The homography of an axis and a shape over whitened coordinates, for a map of `size` texels, exactly
   /// around the hull.

@@ -37,6 +37,10 @@ Extent ExtentOf(const glm::dvec2& side, const HullSupport& support) {
           (glm::dot(normal, low) * low - glm::dot(normal, high) * high) / width};
 }
 
+std::array<float, 2> Rounded(const glm::dvec2& v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y)};
+}
+
 }  // namespace
 
 EdgeObjective::EdgeObjective(const WhitenedSamples& samples, MapSize size, bool free_aspect)
@@ -69,11 +73,8 @@ double EdgeObjective::Evaluate(const Parameters& at, Parameters* gradient) {
   const double sine = shape.side1.x * shape.side2.y - shape.side1.y * shape.side2.x;
   if (!IsAllowed(shape)) return kInfinity;
   const float axis[2] = {static_cast<float>(at[0]), static_cast<float>(at[1])};
-  const auto rounded = [](const glm::dvec2& v) {
-    return std::array<float, 2>{static_cast<float>(v.x), static_cast<float>(v.y)};
-  };
   const HullView hull = ViewHull(hull_x_.data(), hull_y_.data(), hull_x_.size(), axis,
-                                 rounded(Across(shape.side1)).data(), rounded(Across(shape.side2)).data());
+                                 Rounded(Across(shape.side1)).data(), Rounded(Across(shape.side2)).data());
   if (!(hull.least_w > kLeastRatioOfW * hull.most_w)) return kInfinity;
 
   // One step of a texel along map x is a step b1 = k1 side1, k1 = extent2 / (|sine| width stretch), the
@@ -84,7 +85,7 @@ double EdgeObjective::Evaluate(const Parameters& at, Parameters* gradient) {
   const glm::dvec2 b2 = shape.side2 * (extent1.width * shape.stretch / (std::abs(sine) * size_.height));
   const EdgeSlopes slopes =
       EdgeCostAndSlopes(samples_.x.data(), samples_.y.data(), samples_.e1.data(), samples_.e2.data(),
-                        samples_.e3.data(), samples_.x.size(), axis, rounded(b1).data(), rounded(b2).data());
+                        samples_.e3.data(), samples_.x.size(), axis, Rounded(b1).data(), Rounded(b2).data());
   const double cost = static_cast<double>(slopes.cost);
   if (!std::isfinite(cost)) return kInfinity;
   if (!(cost > kLeastCost)) {
@@ -108,6 +109,15 @@ double EdgeObjective::Evaluate(const Parameters& at, Parameters* gradient) {
                free_aspect_ && std::abs(at[4]) <= kMostLogStretch ? a2 - a1 : 0.0};
   for (double& slope : *gradient) slope /= cost;
   return std::log(cost);
+}
+
+double EdgeObjective::CostOf(const TexelGrid& grid) {
+  ++evaluations_;
+  return static_cast<double>(EdgeCostAndSlopes(samples_.x.data(), samples_.y.data(), samples_.e1.data(),
+                                               samples_.e2.data(), samples_.e3.data(), samples_.x.size(),
+                                               Rounded(grid.axis).data(), Rounded(grid.step1).data(),
+                                               Rounded(grid.step2).data())
+                                 .cost);
 }
 
 glm::dmat2 EdgeObjective::AxisMetric(const glm::dvec2& axis) const {

@@ -35,6 +35,9 @@ class EdgeObjective {
   /// that of a least cost.
   double Evaluate(const Parameters& at, Parameters* gradient);
 
+  /// Of any map: expected misclassified pixels.
+  double CostOf(const TexelGrid& grid);
+
   /// Lengths of the axis are measured by what they do to w over the hull: the matrix M of the quadratic form
   /// sum (dw / w)^2 / n over the hull's vertices. Scales a descent's first step.
   glm::dmat2 AxisMetric(const glm::dvec2& axis) const;

@@ -124,6 +124,8 @@ class Partitioner {
 
   SingleMapFit Fit(const LightSamples& samples, MapSize size, const DefaultOptions& options) {
     LightProblem problem = problem_;
+    // The previous frame's map is one of the whole light.
+    if (&samples != problem_.samples) problem.previous = nullptr;
     problem.samples = &samples;
     problem.map_size = size;
     SingleMapFit fit = FitSingleMap(problem, options);

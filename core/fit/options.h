@@ -66,7 +66,7 @@ struct DefaultOptions {
   int search_directions = 8;
   /// The best of the first search start short descents, the best of those go on, and the best of all is
   /// polished over all samples; each with this many evaluations at most.
-  int starts = 6;
+  int starts = 4;
   int evaluations_per_start = 8;
   int descents = 2;
   int evaluations_per_descent = 30;

@@ -135,6 +135,7 @@ RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of) {
       hull = hull_of_chosen();
     }
   }
+  if (hull_of == HullOf::kShadow) hull.shadow_samples = std::move(chosen);
   return hull;
 }
 
@@ -142,7 +143,9 @@ RayHull MakeFitHull(const LightProblem& problem) {
   RayHull hull = MakeRayHull(problem, HullOf::kShadow);
   if (hull.complete) return hull;
   RayHull tight = MakeRayHull(problem, HullOf::kSamples);
-  return tight.complete ? tight : hull;
+  if (!tight.complete) return hull;
+  tight.shadow_samples = std::move(hull.shadow_samples);
+  return tight;
 }
 
 }  // namespace shadowfit

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <glm/glm.hpp>
 #include <span>
 #include <vector>
@@ -27,6 +28,10 @@ struct RayHull {
   /// False where the rays span a half space or more, so that no single map holds them: the hull then is that
   /// of the rays within kReducedHalfAngle of the axis that keeps most of them.
   bool complete = true;
+
+  /// Of those that are in shadow (all are, where none is known to be), samples among which are all that are
+  /// at their hull.
+  std::vector<int32_t> shadow_samples;
 
   /// Whether a ray in normalised coordinates is one that the hull was made of: all are, where it is complete.
   bool Keeps(const glm::dvec3& normalized_ray) const;

@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
+#include <vector>
 
 #include "core/fit/axis_search.h"
+#include "core/fit/prediction.h"
 #include "core/fit/ray_hull.h"
 #include "core/fit/rescale_previous.h"
 #include "core/fit/whitened_samples.h"
@@ -16,32 +19,83 @@ namespace {
 /// straight along its axis, texels are 33 times as wide as in its middle.
 constexpr double kWidestHalfAngle = 1.3962634015954636;
 
+/// Fraction of width and height left free on each side where a kept matrix is rescaled to hold this frame's
+/// samples: until they have moved through it, the next frames need not rescale again.
+constexpr double kBorder = 0.02;
+
+/// Of a kept matrix: with a free aspect ratio, the ratio stays as well, and with it every texel where the
+/// number of texels does.
+MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
+  const MapSize previous = problem.previous->size;
+  if (!options.free_aspect) return problem.map_size;
+  const double share = previous.texels() / problem.map_size.texels();
+  if (share <= 1.0 && share > 0.98) return previous;
+  const double stretch = double(previous.width) / previous.height;
+  const int width = std::max(1, static_cast<int>(std::sqrt(problem.map_size.texels() * stretch)));
+  return {width, std::max(1, static_cast<int>(problem.map_size.texels() / width))};
+}
+
+/// The previous frame's map as it serves this frame; none where it cannot, or is not asked for.
+std::optional<ShadowProjection> RescaledPrevious(const LightProblem& problem, const DefaultOptions& options,
+                                                 const RayHull& hull) {
+  if (problem.previous == nullptr || !(options.keep_within > 0.0) || !hull.complete) return std::nullopt;
+  std::vector<glm::dvec3> rays;
+  rays.reserve(hull.shadow_samples.size());
+  for (const int32_t i : hull.shadow_samples) {
+    rays.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
+  }
+  return RescaleToHold(*problem.previous, KeptSize(problem, options), rays, kBorder);
+}
+
+/// The previous frame's axis as (alpha, beta) of whitened coordinates; none where it looks away.
+std::optional<glm::dvec2> PreviousAxis(const LightProblem& problem, const glm::dmat3& ray_from_whitened) {
+  if (problem.previous == nullptr) return std::nullopt;
+  // A row vector h of ray space is h T^-1 in whitened coordinates.
+  const glm::dvec3 axis = glm::transpose(ray_from_whitened) * problem.previous->Axis();
+  if (!(axis.z > 0.0)) return std::nullopt;
+  return glm::dvec2(axis) / axis.z;
+}
+
 }  // namespace
 
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options) {
   const RayHull hull = MakeFitHull(problem);
-  const WhitenedSamples samples = Whiten(problem, hull);
-  std::optional<glm::dvec2> previous_axis;
-  if (problem.previous != nullptr) {
-    // A row vector h of ray space is h T^-1 in whitened coordinates.
-    const glm::dvec3 axis =
-        glm::transpose(glm::inverse(samples.whitened_from_ray)) * problem.previous->Axis();
-    if (axis.z > 0.0) previous_axis = glm::dvec2(axis) / axis.z;
-  }
-  const AxisSearchResult found = SearchAxis(samples, problem.map_size, options, previous_axis);
+  const WhitenedSamples probes = WhitenSome(problem, hull, options.search_samples);
+  const glm::dmat3 ray_from_whitened = glm::inverse(probes.whitened_from_ray);
+  AxisSearch search(probes, problem.map_size, options);
 
   SingleMapFit fit;
+  std::optional<ShadowProjection> kept = RescaledPrevious(problem, options, hull);
+  double to_beat = std::numeric_limits<double>::infinity();
+  if (kept) {
+    const std::optional<TexelGrid> grid = GridOf(kept->texel_from_ray * ray_from_whitened);
+    if (grid) to_beat = search.CostOf(*grid) / options.keep_within;
+    if (!std::isfinite(to_beat)) kept.reset();
+  }
+  fit.cost = search.Survey(PreviousAxis(problem, ray_from_whitened), to_beat);
+  if (kept && !(fit.cost < to_beat)) {
+    fit.kept_previous = true;
+  } else {
+    const AxisSearchResult found = search.Descend(Whiten(problem, hull));
+    fit.cost = found.cost;
+    fit.projection.size = found.size;
+    fit.projection.texel_from_ray = WithUnitAxis(found.texel_from_whitened * probes.whitened_from_ray);
+    // What the probes say of a small difference is not what all samples say.
+    fit.kept_previous =
+        kept && PredictMisclassifiedPixels(*problem.samples, {&*kept, 1}) <=
+                    options.keep_within * PredictMisclassifiedPixels(*problem.samples, {&fit.projection, 1});
+  }
+  if (fit.kept_previous) fit.projection = *kept;
+
   fit.complete = hull.complete;
   // Sums of costs stay finite.
   constexpr double kMostCost = 1e60;
-  fit.usable = fit.complete && found.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
-  fit.cost = std::min(found.cost, kMostCost);
+  fit.usable = fit.complete && fit.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
+  fit.cost = std::min(fit.cost, kMostCost);
   for (const BoundarySamples* boundary : {&problem.samples->boundary, &problem.samples->rough_boundary}) {
     for (const double length : boundary->length) fit.edge_length += length;
   }
-  fit.evaluations = found.evaluations;
-  fit.projection.size = found.size;
-  fit.projection.texel_from_ray = WithUnitAxis(found.texel_from_whitened * samples.whitened_from_ray);
+  fit.evaluations = search.evaluations();
   return fit;
 }
 

@@ -17,11 +17,13 @@ struct SingleMapFit {
   /// False also where the map that does has texels of too different widths to be of use: receivers span
   /// nearly half of all directions.
   bool usable = true;
+  bool kept_previous = false;  ///< Whether the map is the previous frame's, rescaled.
   int evaluations = 0;
 };
 
 /// The hull of what the map must hold, with the samples' footprints where one map holds those too, and the
-/// best map around it (SearchAxis).
+/// best map around it (AxisSearch); or the previous frame's map, rescaled, see DefaultOptions::keep_within.
+/// The cost is the new one's even then.
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options);
 
 }  // namespace shadowfit

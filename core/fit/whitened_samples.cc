@@ -17,14 +17,16 @@
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
 
-/// Appends samples from element `first` on, where the arrays have room for as many and a vector more. Returns
-/// one past the last element.
-size_t AddSamples(const BoundarySamples& samples, size_t first, WhitenedSamples* whitened) {
+/// Appends every stride-th of the samples from `first` on, with stride times its length, to element `next`
+/// and those behind it, where the arrays have room for as many and a vector more. Returns one past the last
+/// element.
+size_t AddSamples(const BoundarySamples& samples, size_t first, size_t stride, size_t next,
+                  WhitenedSamples* whitened) {
   const DoubleLanes d;
   const hn::Rebind<float, DoubleLanes> df;
   const glm::dmat3& t = whitened->whitened_from_ray;
-  size_t next = first;
-  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+  const auto weight = hn::Set(d, static_cast<double>(stride));
+  const auto add = [&](const auto& load) {
     const Doubles3 p = Times(t, load(samples.r));
     const Doubles3 dp1 = Times(t, load(samples.dr1));
     const Doubles3 dp2 = Times(t, load(samples.dr2));
@@ -34,7 +36,7 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, WhitenedSamples*
       return hn::Sub(hn::Mul(n1, along2), hn::Mul(n2, along1));
     };
     const Doubles3 edge = Cross(p, {across(dp1.x, dp2.x), across(dp1.y, dp2.y), across(dp1.z, dp2.z)});
-    const Doubles length = load(samples.length);
+    const Doubles length = hn::Mul(weight, load(samples.length));
     const Doubles scale = hn::Div(hn::Mul(length, p.z), Dot(p, Cross(dp1, dp2)));
     const Doubles3 e = Scaled(edge, scale);
     const auto usable = hn::And(hn::And(hn::Gt(p.z, hn::Zero(d)), hn::Gt(length, hn::Zero(d))),
@@ -49,7 +51,12 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, WhitenedSamples*
     store(e.z, &whitened->e3);
     store(hn::Div(hn::Set(d, 1.0 / kEdgeLimit), length), &whitened->inverse_limit);
     next += hn::CountTrue(d, usable);
-  });
+  };
+  if (stride == 1) {
+    ForBoundaryLanes(samples.size(), add);
+  } else {
+    ForSomeBoundaryLanes(first, stride, samples.size(), add);
+  }
   return next;
 }
 
@@ -130,15 +137,8 @@ std::array<std::vector<float>*, 6> Arrays(WhitenedSamples* samples) {
   return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3, &samples->inverse_limit};
 }
 
-void PadToLanes(WhitenedSamples* samples) {
-  for (std::vector<float>* lane : Arrays(samples)) {
-    lane->resize(PaddedToEdgeLanes(lane->size()), 0.0f);
-  }
-}
-
-}  // namespace
-
-WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull) {
+/// Of every stride-th sample.
+WhitenedSamples WhitenEvery(size_t stride, const LightProblem& problem, const RayHull& hull) {
   WhitenedSamples whitened;
   const ImagePlane plane = ImagePlane::About(hull.axis);
   std::vector<glm::dvec2> polygon;
@@ -155,53 +155,57 @@ WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull) {
   whitened.whitened_from_ray = glm::transpose(glm::dmat3(row1, row2, plane.axis)) * hull.normalized_from_ray;
   for (const glm::dvec2& v : polygon) whitened.hull.push_back(scale * (v - moments.mean));
 
-  const size_t count = problem.samples->boundary.size() + problem.samples->rough_boundary.size();
-  for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(count + kMostDoubles);
+  const BoundarySamples& reliable = problem.samples->boundary;
+  const BoundarySamples& rough = problem.samples->rough_boundary;
+  const size_t most = (reliable.size() + rough.size() + stride - 1) / stride;
+  for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(most + kMostDoubles);
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
-  const size_t reliable = add(problem.samples->boundary, 0, &whitened);
-  const size_t all = add(problem.samples->rough_boundary, reliable, &whitened);
-  for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(all);
-  PadToLanes(&whitened);
+  // The steps go on from one list to the other.
+  const size_t first_rough = (stride - reliable.size() % stride) % stride;
+  size_t count = add(reliable, 0, stride, 0, &whitened);
+  count = add(rough, first_rough, stride, count, &whitened);
+  for (std::vector<float>* lane : Arrays(&whitened)) {
+    lane->resize(count);
+    lane->resize(PaddedToEdgeLanes(count), 0.0f);
+  }
   return whitened;
 }
 
-WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened) {
-  // With the last row (axis, 1) a map is u = A p.xy / w + t: row k of H is (A_k, 0) + t_k (axis, 1).
+}  // namespace
+
+WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull) {
+  return WhitenEvery(1, problem, hull);
+}
+
+std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened) {
   const glm::dmat3 rows = glm::transpose(texel_from_whitened);
-  const glm::dvec2 axis = glm::dvec2(rows[2]) / rows[2].z;
-  glm::dmat2 a_rows;
-  for (const glm::length_t k : {0, 1}) {
-    a_rows[k] = (glm::dvec2(rows[k]) - rows[k].z * axis) / rows[2].z;
-  }
-  // Columns: one texel's step along each of the map's sides.
-  const glm::dmat2 steps = glm::inverse(glm::transpose(a_rows));
+  if (!(rows[2].z > 0.0)) return std::nullopt;
+  const glm::dvec3 axis = rows[2] / rows[2].z;
+  // h_k = (a_k, 0) + t_k axis, times the axis row's z.
+  const auto across = [&](const glm::dvec3& row) {
+    return (glm::dvec2(row) - row.z * glm::dvec2(axis)) / rows[2].z;
+  };
+  const glm::dmat2 plane_from_texel =
+      glm::inverse(glm::transpose(glm::dmat2(across(rows[0]), across(rows[1]))));
+  return TexelGrid{glm::dvec2(axis), plane_from_texel[0], plane_from_texel[1]};
+}
+
+WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened) {
+  const TexelGrid grid = *GridOf(texel_from_whitened);
   const auto rounded = [](const glm::dvec2& v) {
     return std::array<float, 2>{static_cast<float>(v.x), static_cast<float>(v.y)};
   };
   WhitenedSamples tangent = samples;
   WeighByTangent(samples.x.data(), samples.y.data(), samples.inverse_limit.data(), samples.x.size(),
-                 rounded(axis).data(), rounded(steps[0]).data(), rounded(steps[1]).data(), tangent.e1.data(),
-                 tangent.e2.data(), tangent.e3.data());
+                 rounded(grid.axis).data(), rounded(grid.step1).data(), rounded(grid.step2).data(),
+                 tangent.e1.data(), tangent.e2.data(), tangent.e3.data());
   return tangent;
 }
 
-WhitenedSamples Thin(const WhitenedSamples& samples, int most) {
-  const size_t stride = (samples.x.size() + static_cast<size_t>(most) - 1) / static_cast<size_t>(most);
-  if (stride <= 1) return samples;
-  WhitenedSamples thin;
-  thin.whitened_from_ray = samples.whitened_from_ray;
-  thin.hull = samples.hull;
-  const auto scale = static_cast<float>(stride);
-  for (size_t i = 0; i < samples.x.size(); i += stride) {
-    thin.x.push_back(samples.x[i]);
-    thin.y.push_back(samples.y[i]);
-    thin.e1.push_back(samples.e1[i] * scale);
-    thin.e2.push_back(samples.e2[i] * scale);
-    thin.e3.push_back(samples.e3[i] * scale);
-    thin.inverse_limit.push_back(samples.inverse_limit[i] / scale);
-  }
-  PadToLanes(&thin);
-  return thin;
+WhitenedSamples WhitenSome(const LightProblem& problem, const RayHull& hull, int most) {
+  const size_t count = problem.samples->boundary.size() + problem.samples->rough_boundary.size();
+  const auto limit = static_cast<size_t>(most);
+  return WhitenEvery(std::max<size_t>(1, (count + limit - 1) / limit), problem, hull);
 }
 
 }  // namespace shadowfit

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <glm/glm.hpp>
+#include <optional>
 #include <vector>
 
 #include "core/fit/light_problem.h"
@@ -46,14 +47,25 @@ struct WhitenedSamples {
 /// are left out.
 WhitenedSamples Whiten(const LightProblem& problem, const RayHull& hull);
 
+/// Any map as its texels' steps in the image plane of its axis (alpha, beta, 1) of whitened coordinates:
+/// texels are u = B^-1 p + t there, with B = (step1 step2).
+struct TexelGrid {
+  glm::dvec2 axis;
+  glm::dvec2 step1;
+  glm::dvec2 step2;
+};
+
+/// None where the map's axis plane cuts the hull's centroid off.
+std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened);
+
 /// The samples' sum of l y, which searches and certificates minimise, is the `edge` metric only while texels
 /// are small. That metric is a sum of concave functions f of l y, f = l y / (1 + l y / limit): it lies below
 /// its tangent, the sum of f' l y, which touches it at one map. This weighs samples by f' at that map: what
 /// has a lesser tangent than the map has a lesser metric, too. `texel_from_whitened` sees all samples.
 WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened);
 
-/// Every k-th sample, k the least that leaves at most `most`, with k times its length. Samples come row by
-/// row over the screen, so that every k-th is an even choice.
-WhitenedSamples Thin(const WhitenedSamples& samples, int most);
+/// Of every k-th sample alone, k the least that leaves at most `most`, with k times its length. Samples come
+/// row by row over the screen, so that every k-th is an even choice.
+WhitenedSamples WhitenSome(const LightProblem& problem, const RayHull& hull, int most);
 
 }  // namespace shadowfit

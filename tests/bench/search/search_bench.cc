@@ -21,6 +21,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <nlopt.hpp>
 #include <string>
 #include <vector>
@@ -117,13 +118,16 @@ Outcome Minimize(nlopt::algorithm algorithm, const WhitenedSamples& samples, dou
   return outcome;
 }
 
-Outcome Default(const WhitenedSamples& samples) {
+Outcome Default(const WhitenedSamples& probes, const WhitenedSamples& samples) {
   Outcome outcome;
   for (int run = 0; run < 3; ++run) {
     const double start = ThreadSeconds();
-    const AxisSearchResult found = SearchAxis(samples, kMap, DefaultOptions{}, std::nullopt);
+    const DefaultOptions options;
+    AxisSearch search(probes, kMap, options);
+    search.Survey(std::nullopt, std::numeric_limits<double>::infinity());
+    const AxisSearchResult found = search.Descend(samples);
     outcome.seconds = std::min(outcome.seconds, ThreadSeconds() - start);
-    outcome.evaluations = found.evaluations;
+    outcome.evaluations = search.evaluations();
     outcome.projection = {WithUnitAxis(found.texel_from_whitened * samples.whitened_from_ray), found.size};
   }
   return outcome;
@@ -176,8 +180,10 @@ absl::Status Bench(int lights) {
       problem.nearest_ndc_depth = extent.nearest_ndc_depth;
       problem.farthest_ndc_depth = extent.farthest_ndc_depth;
       problem.ws_scene_bounds = truth->ws_bounds();
-      const WhitenedSamples whitened = Whiten(problem, MakeFitHull(problem));
-      Outcome standard = Default(whitened);
+      const RayHull hull = MakeFitHull(problem);
+      const WhitenedSamples whitened = Whiten(problem, hull);
+      const WhitenedSamples probes = WhitenSome(problem, hull, DefaultOptions{}.search_samples);
+      Outcome standard = Default(probes, whitened);
       // All minimise the metric's tangent at the map that the search found.
       const WhitenedSamples tangent =
           TangentAt(whitened, standard.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));

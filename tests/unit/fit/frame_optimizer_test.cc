@@ -481,6 +481,33 @@ TEST(DefaultMethod, KeepsThePreviousMatrixWhileItIsNearlyAsGood) {
   EXPECT_EQ(outcome_after(1.2), FitOutcome::kFitted);
 }
 
+TEST(DefaultMethod, RecoversFromAMatrixForAnotherView) {
+  std::mt19937 random(11);
+  for (int i = 0; i < 30; ++i) {
+    const AnalyticScene scene = testing::RandomSpheres(random, 12);
+    const Light light = i % 3 == 0 ? Light(DirectionalLight{{0.3, -0.4, -0.7}})
+                                   : Light(PointLight{{Uniform(random, -8, 8), Uniform(random, -8, 8), 12}});
+    const auto frame_from = [&](const CameraMatrices& camera) {
+      return testing::Draw(scene, camera, 90, 90, {MakeLight(light)});
+    };
+    const OwnedFrame before = frame_from(testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne));
+    OwnedFrame frame = frame_from(testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne));
+    const double fresh = Optimize(frame.request, Method::kDefault).lights[0].predicted_misclassified_pixels;
+    frame.request.lights[0].previous_clip_from_world =
+        Optimize(before.request, Method::kDefault).lights[0].clip_from_world;
+    const FrameSummary next = Optimize(frame.request, Method::kDefault);
+    EXPECT_LE(next.lights[0].predicted_misclassified_pixels, 1.05 * DefaultOptions{}.keep_within * fresh)
+        << i;
+    Options always_new = WithMethod(Method::kDefault);
+    always_new.standard.keep_within = 0.0;
+    FrameOptimizer optimizer;
+    FrameSummary renewed;
+    ASSERT_TRUE(optimizer.Optimize(frame.request, always_new, Cancellation(), &renewed).ok());
+    EXPECT_LE(renewed.lights[0].predicted_misclassified_pixels, 1.05 * fresh) << i;
+    EXPECT_EQ(renewed.lights[0].outcome, FitOutcome::kFitted);
+  }
+}
+
 TEST(PaperMethod, IgnoresAPreviousMatrixOfAnotherLightAndSaysSo) {
   OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})});
   const glm::dmat4 matrix = Optimize(frame.request).lights[0].clip_from_world;
