@@ -34,8 +34,8 @@ inline constexpr double kUnitPixelsPerLength = 0.24356936;
 /// surface multiplies it by cos(viewer) / cos(light), the classical projection aliasing. (The texel's area
 /// on the picture is |N . P1 x P2| / |N . U1 x U2| for a surface of normal N.) With L = sum l_i:
 ///
-///   unit_pixels  k L, with k = kUnitPixelsPerLength: square texels a pixel wide; times what predictions are
-///                multiplied with for features that the samples miss
+///   unit_pixels  k L, with k = kUnitPixelsPerLength: what square texels a pixel wide displace; times what
+///                predictions are multiplied with for features that the samples miss
 ///   a            L / sum(l_i / a_i), the harmonic mean: what all texels had if these edges' density of
 ///                texels were spread evenly
 ///   fill         share of the map, or of all maps' texels, that the hull of the samples covers
