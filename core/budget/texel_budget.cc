@@ -215,7 +215,7 @@ std::vector<MapSize> ShareSizes(std::span<const TexelDemand> demands, const Side
 }
 
 double ToleranceSafety(double texel_pixels) {
-  return std::clamp(1.3 - 0.28 * std::log(texel_pixels), 1.15, 2.0);
+  return std::clamp(1.45 - 0.28 * std::log(texel_pixels), 1.25, 2.2);
 }
 
 namespace {

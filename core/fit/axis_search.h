@@ -27,9 +27,9 @@ struct AxisSearchResult {
   double cost = 0.0;                    ///< The samples' sum of l y; infinite where no axis will do.
 };
 
-/// Minimises the `edge` metric over all maps around the hull, in two halves: a survey that finds the valleys,
-/// and the descent into them. Both look at some of the samples, the probes; the last steps at all, and at the
-/// metric's tangent (TangentAt) where the others ended.
+/// Minimises what a map displaces edges by, over all maps around the hull, in two halves: a survey that finds
+/// the valleys, and the descent into them. Both look at some of the samples, the probes; the last steps at
+/// all, and at the metric's tangent (TangentAt) where the others ended.
 class AxisSearch {
  public:
   /// Borrows all of them.

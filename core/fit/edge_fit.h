@@ -41,7 +41,7 @@ class EdgeFit {
   EdgeFit(const WhitenedSamples& samples, MapSize size, bool free_aspect);
 
   struct Result {
-    double cost = 1e300;  ///< Expected misclassified pixels; 1e300 where the axis does not see the hull.
+    double cost = 1e300;  ///< Displaced pixels; 1e300 where the axis does not see the hull.
     AffineShape shape;
   };
 

@@ -10,9 +10,9 @@
 
 namespace shadowfit {
 
-/// The `edge` metric (metric.h) as a function of all that a map's matrix is free in once it encloses the
-/// hull, with its gradient: what a descent over axis and parallelogram together needs. One pass over the
-/// samples, where EdgeFit takes one and then searches.
+/// The samples' sum of l y (metric.h), the pixels that edges are displaced by, as a function of all that a
+/// map's matrix is free in once it encloses the hull, with its gradient: what a descent over axis and
+/// parallelogram together needs. One pass over the samples, where EdgeFit takes one and then searches.
 ///
 /// It has a kink wherever a side passes from one vertex of the hull to another, and is smooth between those:
 /// the two branches of s/4 + t^2/(12 s) have the same slopes where s = t.
@@ -29,13 +29,13 @@ class EdgeObjective {
   static glm::dvec2 AxisOf(const Parameters& at) { return {at[0], at[1]}; }
   static AffineShape ShapeOf(const Parameters& at);
 
-  /// The natural logarithm of the expected misclassified pixels, so that steps and tolerances mean the same
+  /// The natural logarithm of the displaced pixels, so that steps and tolerances mean the same
   /// for all lights, and its slopes; infinite (and `gradient` untouched) where the axis does not see the
   /// hull, the parallelogram is a sliver (EdgeFit's limits) or the cost overflows. Without any edge it is
   /// that of a least cost.
   double Evaluate(const Parameters& at, Parameters* gradient);
 
-  /// Of any map: expected misclassified pixels.
+  /// The displaced pixels of any map.
   double CostOf(const TexelGrid& grid);
 
   /// Lengths of the axis are measured by what they do to w over the hull: the matrix M of the quadratic form

@@ -9,7 +9,7 @@ namespace shadowfit {
 /// The best single map of a light, and what it costs.
 struct SingleMapFit {
   ShadowProjection projection;
-  /// The objective: expected misclassified pixels, rough samples weighted. Proportional to 1 / sqrt(texels).
+  /// The pixels that edges are displaced by, rough samples weighted. Proportional to 1 / sqrt(texels).
   double cost = 0.0;
   /// Length of edge that the cost counts, in pixels; cost / length is how far a typical edge is displaced.
   double edge_length = 0.0;
