@@ -39,7 +39,7 @@ size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, s
     V x, y, z;
   };
   const auto load = [&](const double* from) {
-    V3 v{hn::Undefined(d), hn::Undefined(d), hn::Undefined(d)};
+    V3 v{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     hn::LoadInterleaved3(d, from, v.x, v.y, v.z);
     return v;
   };
