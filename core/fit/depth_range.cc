@@ -39,9 +39,7 @@ void AddExtremes(const ShadowProjection& projection, const LightSamples& samples
   };
   size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
-    Doubles3 ray{hn::Undefined(d), hn::Undefined(d), hn::Undefined(d)};
-    hn::LoadInterleaved3(d, &samples.hull_rays[i].x, ray.x, ray.y, ray.z);
-    add(ray, hn::LoadU(d, samples.hull_along_ray.data() + i));
+    add(LoadPoints(&samples.hull_rays[i].x), hn::LoadU(d, samples.hull_along_ray.data() + i));
   }
   for (; i < count; ++i) add(Set(samples.hull_rays[i]), hn::Set(d, samples.hull_along_ray[i]));
   extremes[0] = hn::GetLane(hn::MinOfLanes(d, least_w));

@@ -120,6 +120,19 @@ void EdgeCostsOfPairs(const float* gx, const float* gy, size_t count, const floa
   }
 }
 
+/// Covectors g = w h, h = (e1 - a e3, e2 - b e3), at an axis (a, b, 1).
+struct Covectors {
+  hn::Vec<Lanes> w, hx, hy, gx, gy;
+
+  HWY_INLINE Covectors(hn::Vec<Lanes> a, hn::Vec<Lanes> b, hn::Vec<Lanes> x, hn::Vec<Lanes> y,
+                       hn::Vec<Lanes> e1, hn::Vec<Lanes> e2, hn::Vec<Lanes> e3)
+      : w(hn::MulAdd(a, x, hn::MulAdd(b, y, hn::Set(Lanes(), 1.0f)))),
+        hx(hn::NegMulAdd(a, e3, e1)),
+        hy(hn::NegMulAdd(b, e3, e2)),
+        gx(hn::Mul(w, hx)),
+        gy(hn::Mul(w, hy)) {}
+};
+
 EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, const float* e2,
                              const float* e3, size_t count, const float axis[2], const float b1[2],
                              const float b2[2]) {
@@ -139,15 +152,11 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
   auto per_a = hn::Zero(d);
   auto per_b = hn::Zero(d);
   for (size_t i = 0; i < count; i += hn::Lanes(d)) {
-    // g = w h, h = (e1 - a e3, e2 - b e3).
     const auto vx = hn::LoadU(d, x + i);
     const auto vy = hn::LoadU(d, y + i);
     const auto third = hn::LoadU(d, e3 + i);
-    const auto w = hn::MulAdd(a, vx, hn::MulAdd(b, vy, hn::Set(d, 1.0f)));
-    const auto hx = hn::NegMulAdd(a, third, hn::LoadU(d, e1 + i));
-    const auto hy = hn::NegMulAdd(b, third, hn::LoadU(d, e2 + i));
-    const auto gx = hn::Mul(w, hx);
-    const auto gy = hn::Mul(w, hy);
+    const auto [w, hx, hy, gx, gy] =
+        Covectors(a, b, vx, vy, hn::LoadU(d, e1 + i), hn::LoadU(d, e2 + i), third);
     const auto p = hn::MulAdd(gx, b1x, hn::Mul(gy, b1y));
     const auto q = hn::MulAdd(gx, b2x, hn::Mul(gy, b2y));
     const auto s = hn::Max(hn::Abs(p), hn::Abs(q));
@@ -186,11 +195,9 @@ void WeighByTangent(const float* x, const float* y, const float* inverse_limit, 
     const auto first = hn::LoadU(d, e1 + i);
     const auto second = hn::LoadU(d, e2 + i);
     const auto third = hn::LoadU(d, e3 + i);
-    const auto w = hn::MulAdd(a, hn::LoadU(d, x + i), hn::MulAdd(b, hn::LoadU(d, y + i), hn::Set(d, 1.0f)));
-    const auto gx = hn::Mul(w, hn::NegMulAdd(a, third, first));
-    const auto gy = hn::Mul(w, hn::NegMulAdd(b, third, second));
+    const Covectors g(a, b, hn::LoadU(d, x + i), hn::LoadU(d, y + i), first, second, third);
     const auto along = [&](const float step[2]) {
-      return hn::Abs(hn::MulAdd(gx, hn::Set(d, step[0]), hn::Mul(gy, hn::Set(d, step[1]))));
+      return hn::Abs(hn::MulAdd(g.gx, hn::Set(d, step[0]), hn::Mul(g.gy, hn::Set(d, step[1]))));
     };
     const auto excess =
         hn::MulAdd(ExpectedWidth(along(b1), along(b2)), hn::LoadU(d, inverse_limit + i), hn::Set(d, 1.0f));

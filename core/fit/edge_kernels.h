@@ -1,7 +1,9 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <glm/glm.hpp>
 
 namespace shadowfit {
 
@@ -12,6 +14,11 @@ namespace shadowfit {
 inline constexpr size_t kEdgeLanes = 8;
 inline constexpr size_t PaddedToEdgeLanes(size_t count) {
   return (count + kEdgeLanes - 1) / kEdgeLanes * kEdgeLanes;
+}
+
+/// As the kernels take axes and steps.
+inline std::array<float, 2> Rounded(const glm::dvec2& v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y)};
 }
 
 /// Covectors of `count` samples (a multiple of kEdgeLanes; padding has e1 = e2 = e3 = 0) at axis (a, b, 1),

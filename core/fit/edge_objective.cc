@@ -37,10 +37,6 @@ Extent ExtentOf(const glm::dvec2& side, const HullSupport& support) {
           (glm::dot(normal, low) * low - glm::dot(normal, high) * high) / width};
 }
 
-std::array<float, 2> Rounded(const glm::dvec2& v) {
-  return {static_cast<float>(v.x), static_cast<float>(v.y)};
-}
-
 }  // namespace
 
 EdgeObjective::EdgeObjective(const WhitenedSamples& samples, MapSize size, bool free_aspect)

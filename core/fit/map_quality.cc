@@ -63,7 +63,7 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
     sums->per_area += length / area;
     sums->root_area += length * std::sqrt(area);
     sums->displaced += length * displacement;
-    sums->predicted += EdgeMetricOfSample(samples, i, projection.texel_from_ray);
+    sums->predicted += EdgePixels(length, displacement);
   }
 }
 

@@ -150,8 +150,7 @@ double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dma
 }
 
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
-  const double displacement = EdgeDisplacement(samples, i, texel_from_ray);
-  return samples.length[i] * displacement / (1.0 + displacement / kEdgeLimit);
+  return EdgePixels(samples.length[i], EdgeDisplacement(samples, i, texel_from_ray));
 }
 
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {

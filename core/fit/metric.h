@@ -43,6 +43,9 @@ double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_r
 /// Pixels; what an edge approaches as texels grow.
 inline constexpr double kEdgeLimit = 4.0;
 
+/// What an edge of a length gets wrong that is displaced by y, both in pixels.
+inline double EdgePixels(double length, double y) { return length * y / (1.0 + y / kEdgeLimit); }
+
 /// The y of one sample's edge, pixels; 0 where it is left out.
 double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
 

@@ -16,10 +16,10 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "core/math/double_lanes-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
-
-namespace hn = hwy::HWY_NAMESPACE;
 
 /// Share of a product's size below which its sign is rounding: the polygon's own corners must not count as
 /// inside it.
@@ -32,39 +32,30 @@ constexpr double kRounding = 1e-12;
 /// indices were written.
 size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, size_t count,
                      const double (*covectors)[3], size_t sides, int32_t* outside) {
-  const hn::CappedTag<double, 8> d;
+  const DoubleLanes d;
   const size_t lanes = hn::Lanes(d);
-  using V = hn::Vec<decltype(d)>;
-  struct V3 {
-    V x, y, z;
-  };
-  const auto load = [&](const double* from) {
-    V3 v{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
-    hn::LoadInterleaved3(d, from, v.x, v.y, v.z);
-    return v;
-  };
-  const auto dot = [&](const V3& c, const V3& v) {
+  const auto dot = [](const Doubles3& c, const Doubles3& v) {
     return hn::MulAdd(c.x, v.x, hn::MulAdd(c.y, v.y, hn::Mul(c.z, v.z)));
   };
-  const auto abs = [&](const V3& v) { return V3{hn::Abs(v.x), hn::Abs(v.y), hn::Abs(v.z)}; };
+  const auto abs = [](const Doubles3& v) { return Doubles3{hn::Abs(v.x), hn::Abs(v.y), hn::Abs(v.z)}; };
   size_t found = 0;
   size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
-    const V3 ray = load(rays + 3 * i);
-    const V3 sizes = abs(ray);
+    const Doubles3 ray = LoadPoints(rays + 3 * i);
+    const Doubles3 sizes = abs(ray);
     const auto rounding = hn::Mul(hn::Set(d, kRounding), hn::Add(hn::Add(sizes.x, sizes.y), sizes.z));
-    V3 around{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+    Doubles3 around{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     if (dx1 != nullptr) {
       const auto half = hn::Set(d, 0.5);
-      const V3 a = abs(load(dx1 + 3 * i));
-      const V3 b = abs(load(dx2 + 3 * i));
+      const Doubles3 a = abs(LoadPoints(dx1 + 3 * i));
+      const Doubles3 b = abs(LoadPoints(dx2 + 3 * i));
       around = {hn::Mul(half, hn::Add(a.x, b.x)), hn::Mul(half, hn::Add(a.y, b.y)),
                 hn::Mul(half, hn::Add(a.z, b.z))};
     }
     auto inside = hn::Eq(hn::Zero(d), hn::Zero(d));
     for (size_t side = 0; side < sides; ++side) {
       const double* c = covectors[side];
-      const V3 covector{hn::Set(d, c[0]), hn::Set(d, c[1]), hn::Set(d, c[2])};
+      const Doubles3 covector{hn::Set(d, c[0]), hn::Set(d, c[1]), hn::Set(d, c[2])};
       // False for NaN.
       inside = hn::And(inside, hn::Gt(dot(covector, ray), hn::Add(dot(abs(covector), around), rounding)));
     }

@@ -192,12 +192,9 @@ std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened) {
 
 WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened) {
   const TexelGrid grid = *GridOf(texel_from_whitened);
-  const auto rounded = [](const glm::dvec2& v) {
-    return std::array<float, 2>{static_cast<float>(v.x), static_cast<float>(v.y)};
-  };
   WhitenedSamples tangent = samples;
   WeighByTangent(samples.x.data(), samples.y.data(), samples.inverse_limit.data(), samples.x.size(),
-                 rounded(grid.axis).data(), rounded(grid.step1).data(), rounded(grid.step2).data(),
+                 Rounded(grid.axis).data(), Rounded(grid.step1).data(), Rounded(grid.step2).data(),
                  tangent.e1.data(), tangent.e2.data(), tangent.e3.data());
   return tangent;
 }

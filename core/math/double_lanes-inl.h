@@ -29,6 +29,13 @@ HWY_INLINE Doubles3 Set(const glm::dvec3& v) {
   const DoubleLanes d;
   return {hn::Set(d, v.x), hn::Set(d, v.y), hn::Set(d, v.z)};
 }
+/// Of as many points, one after the other in memory.
+HWY_INLINE Doubles3 LoadPoints(const double* from) {
+  const DoubleLanes d;
+  Doubles3 v{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+  hn::LoadInterleaved3(d, from, v.x, v.y, v.z);
+  return v;
+}
 HWY_INLINE Doubles3 Plus(const Doubles3& a, const Doubles3& b) {
   return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};
 }
