@@ -307,14 +307,17 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     }
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
-      result.predicted_misclassified_pixels = PredictMisclassifiedPixels(samples, ProjectionsOf(result));
+      const std::vector<ShadowProjection> maps = ProjectionsOf(result);
+      result.predicted_misclassified_pixels =
+          HoldShadow(samples, maps) ? PredictMisclassifiedPixels(samples, maps)
+                                    : PredictHeldPixels(samples, maps) +
+                                          work.sampler.ShadowOutside(*camera, work.ray_spaces[i], i, maps);
     }
     if (fits[i].problem.previous != nullptr && result.further_maps.empty()) {
       result.swim_pixels = MeanSwim(samples, previous[i], result.projection);
     }
     if (options.assess_quality) {
-      result.quality =
-          AssessMaps(*camera, work.ray_spaces[i], samples, ProjectionsOf(result), screen, kUnsampled);
+      result.quality = AssessMaps(*camera, work.ray_spaces[i], samples, ProjectionsOf(result), screen);
     }
     result.seconds += SecondsSince(light_start);
     return absl::OkStatus();

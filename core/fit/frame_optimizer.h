@@ -70,8 +70,9 @@ struct LightSummary : LightMap {
   SampleSource sample_source = SampleSource::kNone;
   std::string note;  ///< Why a fallback was taken, or why a previous matrix was ignored; empty otherwise.
 
-  double predicted_misclassified_pixels = 0.0;  ///< On the final screen.
-  double objective = 0.0;                       ///< The papers' h at the returned matrix.
+  /// On the final screen; shadow that no map holds included.
+  double predicted_misclassified_pixels = 0.0;
+  double objective = 0.0;  ///< The papers' h at the returned matrix.
   /// Mean motion of texel centres on the receivers since the previous frame, in pixels of the final screen
   /// (swim.h). Where the request has a previous matrix of this light, and the light one map.
   std::optional<double> swim_pixels;

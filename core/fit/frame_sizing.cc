@@ -63,8 +63,8 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   for (const BoundarySamples* boundary : {&samples.boundary, &samples.rough_boundary}) {
     length = std::accumulate(boundary->length.begin(), boundary->length.end(), length);
   }
-  demand.unit_pixels = kUnsampled * kUnitPixelsPerLength * length;
-  demand.most_pixels = kUnsampled * kEdgeLimit * length;
+  demand.unit_pixels = UnseenFactor(samples) * kUnitPixelsPerLength * length;
+  demand.most_pixels = UnseenFactor(samples) * kEdgeLimit * length;
   demand.cost = Displaced(PredictedPixels(light), demand) * std::sqrt(texels);
   if (!std::isfinite(demand.cost)) demand.cost = 0.0;
   return demand;

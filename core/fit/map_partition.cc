@@ -32,6 +32,7 @@ std::vector<LightSamples> Divide(const LightSamples& samples, size_t parts,
   for (LightSamples& part : divided) {
     part.source = samples.source;
     part.pixels_per_sample = samples.pixels_per_sample;
+    part.narrow_share = samples.narrow_share;
   }
   for (size_t i = 0; i < samples.boundary.size(); ++i) {
     Copy(samples.boundary, i, &divided[part_of(samples.boundary.Ray(i))].boundary);

@@ -6,6 +6,7 @@
 
 #include "core/fit/metric.h"
 #include "core/fit/outer_samples.h"
+#include "core/fit/prediction.h"
 #include "core/math/convex_hull.h"
 
 namespace shadowfit {
@@ -129,7 +130,7 @@ MapFlaw MapQuality::Worst() const {
 }
 
 MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const LightSamples& samples,
-                      std::span<const ShadowProjection> projections, MapSize screen, double unsampled) {
+                      std::span<const ShadowProjection> projections, MapSize screen) {
   MapQuality quality;
   Sums sums;
   Add(camera, ray_space, samples.boundary, projections, screen, &sums);
@@ -137,8 +138,9 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
   if (!(sums.length > 0.0)) return quality;
   const double fill = Fill(samples, projections);
   const double root_even = std::sqrt(sums.length / sums.per_area);
-  quality.predicted_pixels = unsampled * sums.predicted;
-  quality.unit_pixels = unsampled * kUnitPixelsPerLength * sums.length;
+  const double unseen = UnseenFactor(samples);
+  quality.predicted_pixels = unseen * sums.predicted;
+  quality.unit_pixels = unseen * kUnitPixelsPerLength * sums.length;
   quality.fit = std::sqrt(1.0 / fill);
   quality.budget = root_even / quality.fit;
   quality.perspective = sums.root_area / (sums.length * root_even);

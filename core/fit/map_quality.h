@@ -35,7 +35,7 @@ inline constexpr double kUnitPixelsPerLength = 0.24356936;
 /// on the picture is |N . P1 x P2| / |N . U1 x U2| for a surface of normal N.) With L = sum l_i:
 ///
 ///   unit_pixels  k L, with k = kUnitPixelsPerLength: what square texels a pixel wide displace; times what
-///                predictions are multiplied with for features that the samples miss
+///                UnseenFactor() (prediction.h) says of features that the samples miss
 ///   a            L / sum(l_i / a_i), the harmonic mean: what all texels had if these edges' density of
 ///                texels were spread evenly
 ///   fill         share of the map, or of all maps' texels, that the hull of the samples covers
@@ -67,8 +67,8 @@ struct MapQuality {
 
 /// `screen` is the picture whose pixels count. A sample belongs to the first map that holds it; what no map
 /// holds takes no part. Rough samples count as in a prediction (prediction.h). All factors are 1 where there
-/// are no samples. `unsampled` multiplies pixels, as in predictions.
+/// are no samples.
 MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const LightSamples& samples,
-                      std::span<const ShadowProjection> projections, MapSize screen, double unsampled);
+                      std::span<const ShadowProjection> projections, MapSize screen);
 
 }  // namespace shadowfit

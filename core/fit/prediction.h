@@ -7,13 +7,26 @@
 
 namespace shadowfit {
 
+/// Wrong pixels for every one that is expected at an edge that the samples show. Others lie at features that
+/// the samples miss (railings, leaves, rims). As species seen once tell how many were not seen at all (Good
+/// 1953), shadows that are one sample wide tell how many are narrower: counted against rays, this many edges
+/// are missed for each that belongs to one of those.
+inline constexpr double kMissedPerNarrow = 2.8;
+
+inline double UnseenFactor(const LightSamples& samples) {
+  return 1.0 + kMissedPerNarrow * samples.narrow_share;
+}
+
 /// Pixels of the final screen that a light's maps are expected to get wrong, each sample being judged by the
-/// first map that holds it: the `edge` metric (metric.h) of all boundary samples, times kUnsampled.
+/// first map that holds it: the `edge` metric (metric.h) of all boundary samples, times UnseenFactor().
+/// Of a single map, which as a rule holds the shadow whole, all samples count.
 double PredictMisclassifiedPixels(const LightSamples& samples, std::span<const ShadowProjection> projections);
 
-/// Wrong pixels for every one that is expected at an edge that the samples show: others lie at features that
-/// 180x180 samples miss (railings, leaves, rims). With this factor the default's predictions are 1.10
-/// of the count in the median over the plaza's 750 lights, and 0.90 over the Sterngarten's 200.
-inline constexpr double kUnsampled = 1.96;
+/// Whether the maps together hold what the samples show of the light's shadow, to half a texel.
+bool HoldShadow(const LightSamples& samples, std::span<const ShadowProjection> projections);
+
+/// As PredictMisclassifiedPixels(), without the samples that no map holds: to them comes the shadow that is
+/// outside all maps (FrameSampler::ShadowOutside).
+double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProjection> projections);
 
 }  // namespace shadowfit

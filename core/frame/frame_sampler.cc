@@ -10,6 +10,7 @@
 #include "core/frame/edge_pattern.h"
 #include "core/frame/for_lights.h"
 #include "core/frame/light_pixels.h"
+#include "core/frame/narrow_shadows.h"
 #include "core/frame/pixel_scan.h"
 #include "core/frame/pixel_surfaces.h"
 #include "core/frame/sample_rays.h"
@@ -111,6 +112,7 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
                                              LightScratch* light, LightSamples* samples) const {
   FindLightPixels(active, surfaces, planes.stride, ray_space, light_bit, &light->pixels);
   PackLight(planes, light_bit, &light->bits);
+  samples->narrow_share = NarrowShare(visible, light->bits);
   FindEdgePatterns(visible, light->bits, active.index, light->pixels.hull, &light->patterns);
   FillSamples(surfaces, light->pixels, light->patterns, edge_directions, pixels_per_sample, ray_space,
               &light->textures, samples);
@@ -128,6 +130,7 @@ void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightS
   FindLitPixels(surfaces, ray_space, &light->pixels, &light->lit);
   FillSamples(surfaces, light->pixels, light->patterns, edge_directions, pixels_per_sample, ray_space,
               &light->textures, samples);
+  samples->narrow_share = kCommonNarrowShare;
   samples->hull_in_shadow.assign(light->pixels.hull.size(), 1);  // Any of them may be.
   samples->boundary.Resize(2 * light->lit.size());
   for (size_t i = 0; i < light->lit.size(); ++i) {
@@ -189,6 +192,36 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
       if (!light.hull_rays.empty()) light.source = SampleSource::kAllVisible;
     });
   }
+}
+
+double FrameSampler::ShadowOutside(const Camera& camera, const RaySpace& ray_space, size_t light,
+                                   std::span<const ShadowProjection> projections) const {
+  const Workspace& work = *workspace_;
+  const PixelPlanes& planes = work.planes;
+  LaneList<int32_t> shadowed;
+  for (int y = 0; y < planes.height; ++y) {
+    for (int x = 0; x < planes.width; ++x) {
+      const std::ptrdiff_t i = planes.Index(x, y);
+      if (planes.Visible(i) && (planes.bits[static_cast<size_t>(i)] >> light & 1) != 0) {
+        shadowed.Append(static_cast<int32_t>(i));
+      }
+    }
+  }
+  shadowed.Pad(static_cast<int32_t>(planes.Index(0, 0)));
+  PixelSurfaces surfaces;
+  UnprojectPixels(camera, planes, work.tolerance, shadowed, &surfaces);
+  LightPixels pixels;
+  LaneList<int32_t> lit;
+  FindLitPixels(surfaces, ray_space, &pixels, &lit);
+  size_t outside = 0;
+  // Those that face away are dark without any map.
+  for (size_t i = 0; i < pixels.hull.size(); ++i) {
+    const auto place = static_cast<size_t>(pixels.hull[i]);
+    const glm::dvec3 ray = ray_space.RayFromPoint(surfaces.ws_position[place]);
+    const auto holds = [&](const ShadowProjection& map) { return map.Holds(ray); };
+    if (std::none_of(projections.begin(), projections.end(), holds)) ++outside;
+  }
+  return static_cast<double>(outside) * work.pixels_per_sample.x * work.pixels_per_sample.y;
 }
 
 }  // namespace shadowfit

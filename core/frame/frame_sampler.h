@@ -36,6 +36,12 @@ class FrameSampler {
               std::span<const RaySpace> ray_spaces, MapSize screen, FrameExtent* extent,
               std::vector<LightSamples>* samples);
 
+  /// Pixels of the final screen that a light leaves in shadow and none of its maps holds, which a renderer
+  /// shows lit. Of the frame that was sampled last, with its bits; `light` is its bit's number. Takes as long
+  /// as to sample the light.
+  double ShadowOutside(const Camera& camera, const RaySpace& ray_space, size_t light,
+                       std::span<const ShadowProjection> projections) const;
+
  private:
   struct Workspace;
   std::unique_ptr<Workspace> workspace_;

@@ -23,8 +23,8 @@ struct PixelSurfaces {
   void Resize(size_t size);
 };
 
-/// Unprojects the pixels of the planes with these indices, which are visible. Vectorised with run-time
-/// dispatch (Highway), in doubles.
+/// Unprojects the visible pixels of the planes with these indices, padded with that of any. Vectorised with
+/// run-time dispatch (Highway), in doubles.
 void UnprojectPixels(const Camera& camera, const PixelPlanes& planes, const BendTolerance& tolerance,
                      const LaneList<int32_t>& indices, PixelSurfaces* surfaces);
 

@@ -96,8 +96,8 @@ TEST(MapQuality, UnusedTexelsChangeTheFitAlone) {
   // Everything in the lower left quarter of the map.
   ShadowProjection loose = Resized(tight, {128, 128});
   loose.size = {256, 256};
-  const MapQuality a = AssessMaps(camera, space, samples[0], {&tight, 1}, {160, 160}, 1.0);
-  const MapQuality b = AssessMaps(camera, space, samples[0], {&loose, 1}, {160, 160}, 1.0);
+  const MapQuality a = AssessMaps(camera, space, samples[0], {&tight, 1}, {160, 160});
+  const MapQuality b = AssessMaps(camera, space, samples[0], {&loose, 1}, {160, 160});
   EXPECT_NEAR(b.fit, 2.0 * a.fit, 1e-6 * b.fit);
   EXPECT_NEAR(b.budget, a.budget, 1e-6 * a.budget);
   EXPECT_NEAR(b.perspective, a.perspective, 1e-6);

@@ -311,7 +311,7 @@ void Append(const BoundarySamples& samples, Numbers* numbers) {
 }
 
 Numbers AllNumbersOf(const LightSamples& samples) {
-  Numbers numbers = {static_cast<double>(samples.source), samples.pixels_per_sample};
+  Numbers numbers = {static_cast<double>(samples.source), samples.pixels_per_sample, samples.narrow_share};
   Append(samples.boundary, &numbers);
   Append(samples.rough_boundary, &numbers);
   for (size_t i = 0; i < samples.hull_rays.size(); ++i) {

@@ -67,7 +67,22 @@ class PlainSampler {
       if (facing != Facing::kGrazing) AddEdges(space, p, facing, light, &samples);
     }
     if (samples.boundary.size() > 0) samples.source = SampleSource::kShadowBoundary;
+    samples.narrow_share = NarrowShare(light);
     return samples;
+  }
+
+  double NarrowShare(uint32_t light) const {
+    const auto shadowed = [&](const Pixel& p) { return Visible(p) && (Bits(p) & light) != 0; };
+    int runs = 0;
+    int narrow = 0;
+    for (const Pixel& p : AllPixels()) {
+      for (const Step along : {Step{1, 0}, Step{0, 1}}) {
+        if (!shadowed(p) || shadowed(p + Step{-along.x, -along.y})) continue;
+        ++runs;
+        narrow += shadowed(p + along) ? 0 : 1;
+      }
+    }
+    return runs > 0 ? static_cast<double>(narrow) / runs : 0.0;
   }
 
   LightSamples AllVisible(const RaySpace& space) const {
