@@ -119,7 +119,7 @@ AxisSearchResult AxisSearch::Descend(const WhitenedSamples& samples) {
   };
   // From afar every sample pulls by its whole displacement, near the end by what an edge can show of it.
   const Point& best_of_probes = *std::min_element(points_.begin(), points_.end(), ByValue);
-  const WhitenedSamples tangent = TangentAt(samples, matrix_at(best_of_probes));
+  const WhitenedSamples tangent = TangentAt(samples, *GridOf(matrix_at(best_of_probes)));
   EdgeObjective objective(tangent, size_, options_.free_aspect);
   const Point best = DescendAnew(objective, best_of_probes, options_.evaluations_to_polish, kTolerance);
   polish_evaluations_ = objective.evaluations();

@@ -185,12 +185,14 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
   return {sum(cost), {sum(f1x), sum(f1y)}, {sum(f2x), sum(f2y)}, {sum(per_a), sum(per_b)}};
 }
 
-void WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
-                    const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
-                    float* e3) {
+float WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+                     const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
+                     float* e3) {
   const Lanes d;
   const auto a = hn::Set(d, axis[0]);
   const auto b = hn::Set(d, axis[1]);
+  const auto one = hn::Set(d, 1.0f);
+  auto sum = hn::Zero(d);
   for (size_t i = 0; i < count; i += hn::Lanes(d)) {
     const auto first = hn::LoadU(d, e1 + i);
     const auto second = hn::LoadU(d, e2 + i);
@@ -199,13 +201,15 @@ void WeighByTangent(const float* x, const float* y, const float* inverse_limit, 
     const auto along = [&](const float step[2]) {
       return hn::Abs(hn::MulAdd(g.gx, hn::Set(d, step[0]), hn::Mul(g.gy, hn::Set(d, step[1]))));
     };
-    const auto excess =
-        hn::MulAdd(ExpectedWidth(along(b1), along(b2)), hn::LoadU(d, inverse_limit + i), hn::Set(d, 1.0f));
-    const auto weight = hn::Div(hn::Set(d, 1.0f), hn::Mul(excess, excess));
+    const auto cost = ExpectedWidth(along(b1), along(b2));
+    const auto excess = hn::MulAdd(cost, hn::LoadU(d, inverse_limit + i), one);
+    const auto weight = hn::Div(one, hn::Mul(excess, excess));
+    sum = hn::Add(sum, hn::Div(cost, excess));
     hn::StoreU(hn::Mul(first, weight), d, e1 + i);
     hn::StoreU(hn::Mul(second, weight), d, e2 + i);
     hn::StoreU(hn::Mul(third, weight), d, e3 + i);
   }
+  return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
 /// The least and the greatest of a linear function so far, lane by lane, and where they are.
@@ -295,10 +299,10 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
                              const float b2[2]) {
   return HWY_DYNAMIC_DISPATCH(EdgeCostAndSlopes)(x, y, e1, e2, e3, count, axis, b1, b2);
 }
-void WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
-                    const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
-                    float* e3) {
-  HWY_DYNAMIC_DISPATCH(WeighByTangent)(x, y, inverse_limit, count, axis, b1, b2, e1, e2, e3);
+float WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+                     const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
+                     float* e3) {
+  return HWY_DYNAMIC_DISPATCH(WeighByTangent)(x, y, inverse_limit, count, axis, b1, b2, e1, e2, e3);
 }
 HullView ViewHull(const float* x, const float* y, size_t count, const float axis[2], const float normal1[2],
                   const float normal2[2]) {

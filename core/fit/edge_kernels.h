@@ -61,10 +61,10 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
                              const float b2[2]);
 
 /// Multiplies the covectors' e1, e2, e3 (as for EdgeCovectors) of each sample by (1 + c inverse_limit)^-2, c
-/// being its EdgeCost at the axis and the steps.
-void WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
-                    const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
-                    float* e3);
+/// being its EdgeCost at the axis and the steps. Returns the sum of c / (1 + c inverse_limit).
+float WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+                     const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
+                     float* e3);
 
 /// The points of a hull that lie farthest down and up a normal.
 struct HullSupport {

@@ -60,6 +60,9 @@ struct DefaultOptions {
   /// wrong: a new matrix moves all texels at once, which is seen as a flicker along the edges. Finite, at
   /// least 1; or 0: always a new one.
   double keep_within = 1.1;
+  /// Samples by which a first look at the previous frame's matrix goes: where they already say that it may
+  /// stay, nothing is searched. 0: the search always decides.
+  int glance_samples = 128;
   /// Samples that the search looks at; the last steps look at all.
   int search_samples = 512;
   /// Axes on each of the two rings of the first search.

@@ -178,12 +178,12 @@ std::vector<int32_t> OutsideOfTheirHull(const Rays& all, const ImagePlane& plane
   return outer;
 }
 
+}  // namespace
+
 bool AnyInShadow(const LightSamples& samples) {
   return std::find(samples.hull_in_shadow.begin(), samples.hull_in_shadow.end(), 1) !=
          samples.hull_in_shadow.end();
 }
-
-}  // namespace
 
 std::vector<int32_t> HullSamples(const LightSamples& samples, HullOf hull_of) {
   std::vector<int32_t> chosen;

@@ -14,6 +14,9 @@ enum class HullOf {
   kShadow,   ///< The footprints of those in shadow; of all where none is.
 };
 
+/// Whether any hull sample is known to be in shadow; where none is, all count as such.
+bool AnyInShadow(const LightSamples& samples);
+
 /// Those that HullOf asks for, in rising order.
 std::vector<int32_t> HullSamples(const LightSamples& samples, HullOf hull_of);
 

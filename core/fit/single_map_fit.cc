@@ -4,9 +4,11 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/fit/axis_search.h"
+#include "core/fit/outline.h"
 #include "core/fit/prediction.h"
 #include "core/fit/ray_hull.h"
 #include "core/fit/rescale_previous.h"
@@ -37,13 +39,11 @@ MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
 
 /// The previous frame's map as it serves this frame; none where it cannot, or is not asked for.
 std::optional<ShadowProjection> RescaledPrevious(const LightProblem& problem, const DefaultOptions& options,
-                                                 const RayHull& hull) {
-  if (problem.previous == nullptr || !(options.keep_within > 0.0) || !hull.complete) return std::nullopt;
+                                                 std::span<const int32_t> outer_samples) {
+  if (problem.previous == nullptr || !(options.keep_within > 0.0)) return std::nullopt;
   std::vector<glm::dvec3> rays;
-  rays.reserve(hull.shadow_samples.size());
-  for (const int32_t i : hull.shadow_samples) {
-    rays.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
-  }
+  rays.reserve(outer_samples.size());
+  for (const int32_t i : outer_samples) rays.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
   return RescaleToHold(*problem.previous, KeptSize(problem, options), rays, kBorder);
 }
 
@@ -56,16 +56,63 @@ std::optional<glm::dvec2> PreviousAxis(const LightProblem& problem, const glm::d
   return glm::dvec2(axis) / axis.z;
 }
 
+/// The previous frame's map where a survey over few samples, and over a hull that is a little too small,
+/// finds nothing that might take its place.
+std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const DefaultOptions& options) {
+  // Where several maps might do better, it matters what the best single one costs.
+  if (problem.previous == nullptr || options.glance_samples == 0 || options.most_maps > 1)
+    return std::nullopt;
+  const std::optional<std::vector<int32_t>> outline =
+      OutlineOf(*problem.samples, problem.previous->texel_from_ray);
+  if (!outline) return std::nullopt;
+  const std::optional<ShadowProjection> kept = RescaledPrevious(problem, options, *outline);
+  if (!kept) return std::nullopt;
+  std::vector<glm::dvec3> corners;
+  for (const int32_t i : *outline) corners.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
+  const RayHull hull = MakeRayHull(*problem.ray_space, corners);
+  // Well within what a single map is of use for, see kWidestHalfAngle.
+  if (!hull.complete || !(hull.cos_half_angle > std::cos(kReducedHalfAngle))) return std::nullopt;
+
+  const WhitenedSamples some = WhitenSome(problem, hull, options.glance_samples);
+  const glm::dmat3 ray_from_whitened = glm::inverse(some.whitened_from_ray);
+  const std::optional<TexelGrid> grid = GridOf(kept->texel_from_ray * ray_from_whitened);
+  if (!grid) return std::nullopt;
+  double metric = 0.0;
+  const WhitenedSamples tangent = TangentAt(some, *grid, &metric);
+  // What matters is whether there is another valley, not how deep it is.
+  DefaultOptions quick = options;
+  quick.search_directions = 4;
+  quick.starts = 2;
+  quick.evaluations_per_start = 6;
+  AxisSearch search(tangent, problem.map_size, quick);
+  // The metric is to fall to 1/k of what it is. Let all edges be displaced by z times kEdgeLimit: displaced
+  // by a z, they get (1 + z) a / (1 + a z) times the pixels wrong, which is 1/k at a = 1 / (k + (k - 1) z).
+  // And the metric is 1 + z times its tangent.
+  const double cost = search.CostOf(*grid);
+  const double keep = options.keep_within;
+  const double to_beat = cost / (keep + (keep - 1.0) * (metric / cost - 1.0));
+  if (!std::isfinite(to_beat)) return std::nullopt;
+  SingleMapFit fit;
+  fit.cost = search.Survey(PreviousAxis(problem, ray_from_whitened), to_beat);
+  if (fit.cost < to_beat) return std::nullopt;
+  fit.projection = *kept;
+  fit.kept_previous = true;
+  fit.evaluations = search.evaluations();
+  return fit;
+}
+
 }  // namespace
 
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options) {
+  if (const std::optional<SingleMapFit> kept = KeepAtAGlance(problem, options)) return *kept;
   const RayHull hull = MakeFitHull(problem);
   const WhitenedSamples probes = WhitenSome(problem, hull, options.search_samples);
   const glm::dmat3 ray_from_whitened = glm::inverse(probes.whitened_from_ray);
   AxisSearch search(probes, problem.map_size, options);
 
   SingleMapFit fit;
-  std::optional<ShadowProjection> kept = RescaledPrevious(problem, options, hull);
+  std::optional<ShadowProjection> kept;
+  if (hull.complete) kept = RescaledPrevious(problem, options, hull.shadow_samples);
   double to_beat = std::numeric_limits<double>::infinity();
   if (kept) {
     const std::optional<TexelGrid> grid = GridOf(kept->texel_from_ray * ray_from_whitened);

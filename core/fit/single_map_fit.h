@@ -23,7 +23,9 @@ struct SingleMapFit {
 
 /// The hull of what the map must hold, with the samples' footprints where one map holds those too, and the
 /// best map around it (AxisSearch); or the previous frame's map, rescaled, see DefaultOptions::keep_within.
-/// The cost is the new one's even then.
+/// The cost is what the search saw of new ones even then. Where a first look at
+/// DefaultOptions::glance_samples says that the previous map may stay, there is no search, and all but the
+/// map is left unsaid.
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options);
 
 }  // namespace shadowfit

@@ -190,12 +190,13 @@ std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened) {
   return TexelGrid{glm::dvec2(axis), plane_from_texel[0], plane_from_texel[1]};
 }
 
-WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened) {
-  const TexelGrid grid = *GridOf(texel_from_whitened);
+WhitenedSamples TangentAt(const WhitenedSamples& samples, const TexelGrid& map, double* metric) {
   WhitenedSamples tangent = samples;
-  WeighByTangent(samples.x.data(), samples.y.data(), samples.inverse_limit.data(), samples.x.size(),
-                 Rounded(grid.axis).data(), Rounded(grid.step1).data(), Rounded(grid.step2).data(),
-                 tangent.e1.data(), tangent.e2.data(), tangent.e3.data());
+  const float sum =
+      WeighByTangent(samples.x.data(), samples.y.data(), samples.inverse_limit.data(), samples.x.size(),
+                     Rounded(map.axis).data(), Rounded(map.step1).data(), Rounded(map.step2).data(),
+                     tangent.e1.data(), tangent.e2.data(), tangent.e3.data());
+  if (metric != nullptr) *metric = static_cast<double>(sum);
   return tangent;
 }
 

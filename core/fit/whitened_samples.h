@@ -61,8 +61,9 @@ std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened);
 /// The samples' sum of l y, which searches and certificates minimise, is the `edge` metric only while texels
 /// are small. That metric is a sum of concave functions f of l y, f = l y / (1 + l y / limit): it lies below
 /// its tangent, the sum of f' l y, which touches it at one map. This weighs samples by f' at that map: what
-/// has a lesser tangent than the map has a lesser metric, too. `texel_from_whitened` sees all samples.
-WhitenedSamples TangentAt(const WhitenedSamples& samples, const glm::dmat3& texel_from_whitened);
+/// has a lesser tangent than the map has a lesser metric, too, by as much at least. The map sees all samples;
+/// `metric` is its own sum of f, where asked for.
+WhitenedSamples TangentAt(const WhitenedSamples& samples, const TexelGrid& map, double* metric = nullptr);
 
 /// Of every k-th sample alone, k the least that leaves at most `most`, with k times its length. Samples come
 /// row by row over the screen, so that every k-th is an even choice.

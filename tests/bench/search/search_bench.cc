@@ -185,8 +185,8 @@ absl::Status Bench(int lights) {
       const WhitenedSamples probes = WhitenSome(problem, hull, DefaultOptions{}.search_samples);
       Outcome standard = Default(probes, whitened);
       // All minimise the metric's tangent at the map that the search found.
-      const WhitenedSamples tangent =
-          TangentAt(whitened, standard.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));
+      const WhitenedSamples tangent = TangentAt(
+          whitened, *GridOf(standard.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray)));
       const double start = ThreadSeconds();
       const Certificate certificate =
           Certify(tangent, kMap, false, standard.projection, {0.01, 600.0}, Cancellation());

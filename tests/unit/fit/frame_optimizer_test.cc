@@ -508,6 +508,51 @@ TEST(DefaultMethod, RecoversFromAMatrixForAnotherView) {
   }
 }
 
+TEST(DefaultMethod, KeepsAtAGlanceWhatTheSearchWouldKeepToo) {
+  std::mt19937 random(17);
+  Options always_new = WithMethod(Method::kDefault);
+  always_new.standard.keep_within = 0.0;
+  Options without_glance = WithMethod(Method::kDefault);
+  without_glance.standard.glance_samples = 0;
+  const auto answer = [](const OwnedFrame& frame, const Options& options) {
+    FrameOptimizer optimizer;
+    FrameSummary summary;
+    EXPECT_TRUE(optimizer.Optimize(frame.request, options, Cancellation(), &summary).ok());
+    return summary.lights[0];
+  };
+  int kept = 0;
+  int kept_too = 0;
+  int cheaper = 0;
+  for (int i = 0; i < 60; ++i) {
+    const AnalyticScene scene = testing::RandomSpheres(random, 12);
+    const Light light = i % 3 == 0 ? Light(DirectionalLight{{0.3, -0.4, -0.7}})
+                                   : Light(PointLight{{Uniform(random, -8, 8), Uniform(random, -8, 8), 12}});
+    CameraMatrices camera = testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne);
+    const LightSummary before = answer(testing::Draw(scene, camera, 90, 90, {MakeLight(light)}), always_new);
+    // A step, or a long way: the previous matrix is nearly as good, or far from it.
+    camera.view_from_world = glm::translate(camera.view_from_world,
+                                            glm::dvec3(i % 2 == 0 ? 0.05 : Uniform(random, -3, 3), 0.0, 0.0));
+    OwnedFrame frame = testing::Draw(scene, camera, 90, 90, {MakeLight(light)});
+    frame.request.lights[0].previous_clip_from_world = before.clip_from_world;
+    const LightSummary glanced = answer(frame, WithMethod(Method::kDefault));
+    const LightSummary searched = answer(frame, without_glance);
+    EXPECT_LE(glanced.predicted_misclassified_pixels,
+              1.1 * DefaultOptions{}.keep_within * answer(frame, always_new).predicted_misclassified_pixels)
+        << i;
+    // What no glance decides is searched as without it.
+    if (glanced.outcome != FitOutcome::kKeptPrevious) {
+      EXPECT_EQ(glanced.clip_from_world, searched.clip_from_world) << i;
+      continue;
+    }
+    ++kept;
+    if (searched.outcome == FitOutcome::kKeptPrevious) ++kept_too;
+    if (glanced.evaluations < searched.evaluations) ++cheaper;
+  }
+  EXPECT_GE(kept, 25);
+  EXPECT_GE(kept_too, kept - 2);
+  EXPECT_GE(cheaper, kept * 3 / 4);
+}
+
 TEST(PaperMethod, IgnoresAPreviousMatrixOfAnotherLightAndSaysSo) {
   OwnedFrame frame = StandardFrame({MakeLight(PointLight{{4, -2, 12}})});
   const glm::dmat4 matrix = Optimize(frame.request).lights[0].clip_from_world;

@@ -79,8 +79,10 @@ TEST(TangentAt, LiesAboveTheMetricAndTouchesItAtTheMap) {
   for (int trial = 0; trial < 20; ++trial) {
     const WhitenedSamples samples = RandomLimitedSamples(random);
     const Map at = RandomMap(random);
-    const WhitenedSamples tangent = TangentAt(samples, at.TexelFromWhitened(samples));
+    double reported = 0.0;
+    const WhitenedSamples tangent = TangentAt(samples, *GridOf(at.TexelFromWhitened(samples)), &reported);
     const double metric = LimitedSum(samples, at);
+    EXPECT_NEAR(reported, metric, 1e-4 * metric);
     const double touching = Sum(tangent, at);
     for (int other = 0; other < 10; ++other) {
       const Map map = RandomMap(random);
@@ -97,7 +99,7 @@ TEST(TangentAt, SamplesWithoutALimitStayAsTheyAre) {
   std::mt19937 random(6);
   WhitenedSamples samples = RandomWhitenedSamples(random, 64);
   std::fill(samples.inverse_limit.begin(), samples.inverse_limit.end(), 0.0f);
-  const WhitenedSamples tangent = TangentAt(samples, RandomMap(random).TexelFromWhitened(samples));
+  const WhitenedSamples tangent = TangentAt(samples, *GridOf(RandomMap(random).TexelFromWhitened(samples)));
   EXPECT_EQ(tangent.e1, samples.e1);
   EXPECT_EQ(tangent.e2, samples.e2);
   EXPECT_EQ(tangent.e3, samples.e3);
