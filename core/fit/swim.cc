@@ -68,7 +68,8 @@ double DistanceOfOne(const glm::dmat2& basis, const glm::dvec2& e) {
 /// Texel coordinates and w = h3.r, as ShadowProjection::TexelFromRay.
 HWY_INLINE Doubles3 Texel(const glm::dmat3& texel_from_ray, const Doubles3& r) {
   const Doubles3 h = Times(texel_from_ray, r);
-  return {hn::Div(h.x, h.z), hn::Div(h.y, h.z), h.z};
+  const Doubles per_w = hn::Div(hn::Set(DoubleLanes(), 1.0), h.z);
+  return {hn::Mul(h.x, per_w), hn::Mul(h.y, per_w), h.z};
 }
 
 HWY_INLINE hn::Mask<DoubleLanes> IsWithin(const Doubles3& texel, MapSize size) {
@@ -96,16 +97,18 @@ std::optional<double> MeanMotion(const BoundarySamples& samples, size_t stride,
                           hn::Set(d, 1.0)};
     const Doubles3 moved = Texel(current_from_previous, center);
     // The columns of J (see TexelJacobian), and those of its inverse.
+    const auto one = hn::Set(d, 1.0);
+    const auto per_w = hn::Div(one, now.z);
     const auto column = [&](const Doubles3& along) {
       const Doubles3 h = Times(current.texel_from_ray, along);
-      return Doubles2{hn::Div(hn::Sub(h.x, hn::Mul(now.x, h.z)), now.z),
-                      hn::Div(hn::Sub(h.y, hn::Mul(now.y, h.z)), now.z)};
+      return Doubles2{hn::Mul(hn::Sub(h.x, hn::Mul(now.x, h.z)), per_w),
+                      hn::Mul(hn::Sub(h.y, hn::Mul(now.y, h.z)), per_w)};
     };
     const Doubles2 j1 = column(load(samples.dr1));
     const Doubles2 j2 = column(load(samples.dr2));
-    const auto det = hn::Sub(hn::Mul(j1.x, j2.y), hn::Mul(j1.y, j2.x));
-    const Doubles2 step1{hn::Div(j2.y, det), hn::Neg(hn::Div(j1.y, det))};
-    const Doubles2 step2{hn::Neg(hn::Div(j2.x, det)), hn::Div(j1.x, det)};
+    const auto per_det = hn::Div(one, hn::Sub(hn::Mul(j1.x, j2.y), hn::Mul(j1.y, j2.x)));
+    const Doubles2 step1{hn::Mul(j2.y, per_det), hn::Neg(hn::Mul(j1.y, per_det))};
+    const Doubles2 step2{hn::Neg(hn::Mul(j2.x, per_det)), hn::Mul(j1.x, per_det)};
     const auto distance = LatticeDistance(step1, step2, {hn::Sub(moved.x, half), hn::Sub(moved.y, half)});
     const auto counts = hn::And(hn::And(IsWithin(before, previous.size), IsWithin(now, current.size)),
                                 hn::And(hn::Gt(moved.z, hn::Zero(d)), hn::IsFinite(distance)));
@@ -134,9 +137,9 @@ double DistanceToLattice(const glm::dmat2& basis, const glm::dvec2& e) {
 std::optional<double> MeanSwim(const LightSamples& samples, const ShadowProjection& previous,
                                const ShadowProjection& current) {
   // A mean needs no more; the samples are taken evenly.
-  constexpr size_t kMostSamples = 512;
+  constexpr size_t kMostSamples = 384;
   const BoundarySamples& boundary = samples.boundary.size() > 0 ? samples.boundary : samples.rough_boundary;
-  const size_t stride = std::max<size_t>(1, boundary.size() / kMostSamples);
+  const size_t stride = std::max<size_t>(1, (boundary.size() + kMostSamples - 1) / kMostSamples);
   return HWY_DYNAMIC_DISPATCH(MeanMotion)(boundary, stride, previous, current);
 }
 

@@ -102,10 +102,6 @@ void FindPatterns(const PackedBits& visible, const PackedBits& light, const Lane
   }
 }
 
-HWY_INLINE Doubles Length(const Doubles3& v) { return hn::Sqrt(Dot(v, v)); }
-HWY_INLINE Doubles3 Normalized(const Doubles3& v) {
-  return Scaled(v, hn::Div(hn::Set(DoubleLanes(), 1.0), Length(v)));
-}
 HWY_INLINE Doubles Length(Doubles x, Doubles y) { return hn::Sqrt(hn::Add(hn::Mul(x, x), hn::Mul(y, y))); }
 
 void TurnTextures(const LaneList<int32_t>& listed, bool directional, const double* cosines,
@@ -121,15 +117,15 @@ void TurnTextures(const LaneList<int32_t>& listed, bool directional, const doubl
       return Doubles3{at(v[0].data()), at(v[1].data()), at(v[2].data())};
     };
     // The light's picture: of a directional light the first two ray coordinates, else the plane across the
-    // ray.
+    // ray, at any scale.
     Doubles3 b1{one, zero, zero};
     Doubles3 b2{zero, one, zero};
     if (!directional) {
       const Doubles3 ray = at3(samples->r);
       const auto along_z = hn::Lt(hn::Abs(ray.x), hn::Abs(ray.z));
       const Doubles3 helper{hn::IfThenElseZero(along_z, one), zero, hn::IfThenElse(along_z, zero, one)};
-      b1 = Normalized(Cross(helper, ray));
-      b2 = Normalized(Cross(ray, b1));
+      b1 = Cross(helper, ray);
+      b2 = Scaled(Cross(ray, b1), hn::Div(one, hn::Sqrt(Dot(ray, ray))));
     }
     const Doubles3 dx1 = at3(samples->dr1);
     const Doubles3 dx2 = at3(samples->dr2);

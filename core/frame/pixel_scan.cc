@@ -19,9 +19,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Lanes = hn::CappedTag<float, kMostLanes>;
 using BitLanes = hn::RebindToUnsigned<Lanes>;
 
-/// One row of ScanDepth; `constant` holds the law's terms in y.
-void ScanDepthRow(const float* depth, int width, const InverseDistanceLaw& law, double constant,
-                  float* window_depth, float* inverse_distance, VisibleDepths* visible) {
+void ScanDepth(const DepthView& depth, const InverseDistanceLaw& law, PixelPlanes* planes,
+               VisibleDepths* visible) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto zero = hn::Zero(d);
@@ -34,41 +33,56 @@ void ScanDepthRow(const float* depth, int width, const InverseDistanceLaw& law, 
   auto smallest = hn::Set(d, visible->smallest);
   auto largest = hn::Set(d, visible->largest);
   size_t count = 0;
-  std::array<float, kMostLanes> tail;
-  for (int x = 0; x < width; x += lanes) {
-    const float* source = depth + x;
-    if (x + lanes > width) {
-      tail.fill(law.background);
-      std::copy(depth + x, depth + width, tail.begin());
-      source = tail.data();
-    }
-    const auto value = hn::LoadU(d, source);
-    const auto column = NumbersFrom(d, static_cast<float>(x));
-    const auto inverse =
-        hn::Add(hn::Set(d, static_cast<float>(constant)),
-                hn::Add(hn::Mul(per_x, column), hn::Mul(per_depth, hn::Sub(value, background))));
-    // Comparisons are false for NaN.
-    const auto seen =
-        hn::And(hn::And(hn::And(hn::Ge(value, zero), hn::Le(value, one)), hn::Ne(value, background)),
-                hn::Gt(inverse, least));
-    hn::StoreU(value, d, window_depth + x);
-    hn::StoreU(hn::IfThenElse(seen, inverse, nothing), d, inverse_distance + x);
-    smallest = hn::IfThenElse(seen, hn::Min(smallest, value), smallest);
-    largest = hn::IfThenElse(seen, hn::Max(largest, value), largest);
-    count += hn::CountTrue(d, seen);
+  for (int y = 0; y < depth.height; ++y) {
+    const float* row = depth.Row(y);
+    const auto constant = hn::Set(d, static_cast<float>(law.constant + law.per_y * y));
+    float* window_depth = planes->window_depth.data() + planes->Index(0, y);
+    float* inverse_distance = planes->inverse_distance.data() + planes->Index(0, y);
+    const auto scan = [&](int x, const float* source) {
+      const auto value = hn::LoadU(d, source);
+      const auto column = NumbersFrom(d, static_cast<float>(x));
+      const auto inverse =
+          hn::Add(constant, hn::Add(hn::Mul(per_x, column), hn::Mul(per_depth, hn::Sub(value, background))));
+      // Comparisons are false for NaN.
+      const auto seen =
+          hn::And(hn::And(hn::And(hn::Ge(value, zero), hn::Le(value, one)), hn::Ne(value, background)),
+                  hn::Gt(inverse, least));
+      hn::StoreU(value, d, window_depth + x);
+      hn::StoreU(hn::IfThenElse(seen, inverse, nothing), d, inverse_distance + x);
+      smallest = hn::IfThenElse(seen, hn::Min(smallest, value), smallest);
+      largest = hn::IfThenElse(seen, hn::Max(largest, value), largest);
+      count += hn::CountTrue(d, seen);
+    };
+    int x = 0;
+    for (; x + lanes <= depth.width; x += lanes) scan(x, row + x);
+    if (x == depth.width) continue;
+    std::array<float, kMostLanes> tail;
+    tail.fill(law.background);
+    std::copy(row + x, row + depth.width, tail.begin());
+    scan(x, tail.data());
   }
   visible->smallest = hn::GetLane(hn::MinOfLanes(d, smallest));
   visible->largest = hn::GetLane(hn::MaxOfLanes(d, largest));
   visible->count += static_cast<int>(count);
 }
 
-void CopyBitsRow(const uint32_t* bits, int width, uint32_t lights, uint32_t* to) {
+void CopyBits(const BitsView& bits, uint32_t lights, PixelPlanes* planes) {
   const BitLanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto kept = hn::Set(d, lights);
-  int x = 0;
-  for (; x + lanes <= width; x += lanes) hn::StoreU(hn::And(hn::LoadU(d, bits + x), kept), d, to + x);
-  for (; x < width; ++x) to[x] = bits[x] & lights;
+  for (int y = 0; y < bits.height; ++y) {
+    const uint32_t* row = bits.Row(y);
+    uint32_t* to = planes->bits.data() + planes->Index(0, y);
+    const auto copy = [&](int x) { hn::StoreU(hn::And(hn::LoadU(d, row + x), kept), d, to + x); };
+    int x = 0;
+    for (; x + lanes <= bits.width; x += lanes) copy(x);
+    // The last vector has some pixels of the one before again.
+    if (bits.width >= lanes) {
+      copy(bits.width - lanes);
+    } else {
+      for (; x < bits.width; ++x) to[x] = row[x] & lights;
+    }
+  }
 }
 
 /// 16 pixels at a time, of which of(x) gives a vector's mask.
@@ -88,18 +102,24 @@ void PackRow(int width, uint8_t* packed, const MaskOf& of) {
   }
 }
 
-void PackVisibleRow(const float* inverse_distance, int width, uint8_t* packed) {
-  PackRow(width, packed, [&](int x) {
-    const auto here = hn::LoadU(Lanes(), inverse_distance + x);
-    return hn::Eq(here, here);
-  });
+void PackVisible(const PixelPlanes& planes, PackedBits* packed) {
+  for (int y = 0; y < planes.height; ++y) {
+    const float* row = planes.inverse_distance.data() + planes.Index(0, y);
+    PackRow(planes.width, packed->bytes.data() + planes.Index(0, y) / 8, [&](int x) {
+      const auto here = hn::LoadU(Lanes(), row + x);
+      return hn::Eq(here, here);
+    });
+  }
 }
 
-void PackLightRow(const uint32_t* bits, uint32_t light_bit, int width, uint8_t* packed) {
+void PackLight(const PixelPlanes& planes, uint32_t light_bit, PackedBits* packed) {
   const BitLanes db;
-  PackRow(width, packed, [&](int x) {
-    return hn::RebindMask(Lanes(), hn::TestBit(hn::LoadU(db, bits + x), hn::Set(db, light_bit)));
-  });
+  const auto bit = hn::Set(db, light_bit);
+  for (int y = 0; y < planes.height; ++y) {
+    const uint32_t* row = planes.bits.data() + planes.Index(0, y);
+    PackRow(planes.width, packed->bytes.data() + planes.Index(0, y) / 8,
+            [&](int x) { return hn::RebindMask(Lanes(), hn::TestBit(hn::LoadU(db, row + x), bit)); });
+  }
 }
 
 }  // namespace shadowfit::HWY_NAMESPACE
@@ -108,10 +128,10 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace shadowfit {
 
-HWY_EXPORT(ScanDepthRow);
-HWY_EXPORT(CopyBitsRow);
-HWY_EXPORT(PackVisibleRow);
-HWY_EXPORT(PackLightRow);
+HWY_EXPORT(ScanDepth);
+HWY_EXPORT(CopyBits);
+HWY_EXPORT(PackVisible);
+HWY_EXPORT(PackLight);
 
 namespace {
 
@@ -141,38 +161,22 @@ void PixelPlanes::Resize(int new_width, int new_height) {
 
 VisibleDepths ScanDepth(const DepthView& depth, const InverseDistanceLaw& law, PixelPlanes* planes) {
   VisibleDepths visible;
-  for (int y = 0; y < depth.height; ++y) {
-    HWY_DYNAMIC_DISPATCH(ScanDepthRow)
-    (depth.Row(y), depth.width, law, law.constant + law.per_y * y,
-     planes->window_depth.data() + planes->Index(0, y), planes->inverse_distance.data() + planes->Index(0, y),
-     &visible);
-  }
+  HWY_DYNAMIC_DISPATCH(ScanDepth)(depth, law, planes, &visible);
   return visible;
 }
 
 void CopyBits(const BitsView& bits, uint32_t lights, PixelPlanes* planes) {
-  for (int y = 0; y < bits.height; ++y) {
-    HWY_DYNAMIC_DISPATCH(CopyBitsRow)
-    (bits.Row(y), bits.width, lights, planes->bits.data() + planes->Index(0, y));
-  }
+  HWY_DYNAMIC_DISPATCH(CopyBits)(bits, lights, planes);
 }
 
 void PackVisible(const PixelPlanes& planes, PackedBits* packed) {
   Resize(planes, packed);
-  for (int y = 0; y < planes.height; ++y) {
-    HWY_DYNAMIC_DISPATCH(PackVisibleRow)
-    (planes.inverse_distance.data() + planes.Index(0, y), planes.width,
-     packed->bytes.data() + planes.Index(0, y) / 8);
-  }
+  HWY_DYNAMIC_DISPATCH(PackVisible)(planes, packed);
 }
 
 void PackLight(const PixelPlanes& planes, uint32_t light_bit, PackedBits* packed) {
   Resize(planes, packed);
-  for (int y = 0; y < planes.height; ++y) {
-    HWY_DYNAMIC_DISPATCH(PackLightRow)
-    (planes.bits.data() + planes.Index(0, y), light_bit, planes.width,
-     packed->bytes.data() + planes.Index(0, y) / 8);
-  }
+  HWY_DYNAMIC_DISPATCH(PackLight)(planes, light_bit, packed);
 }
 
 }  // namespace shadowfit
