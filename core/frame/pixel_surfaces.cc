@@ -83,11 +83,10 @@ void Unproject(const Camera& camera, const PixelPlanes& planes, const BendTolera
   const auto xyz = [&m](int column) { return Set(glm::dvec3(m[column])); };
   const auto w = [&](int column) { return hn::Set(d, m[column][3]); };
   // A step of one pixel along screen x or y, the depth's part left out.
-  const auto two = hn::Set(d, 2.0);
-  const auto width = hn::Set(d, static_cast<double>(planes.width));
-  const auto height = hn::Set(d, static_cast<double>(planes.height));
-  const HomogeneousStep step1{Scaled(xyz(0), hn::Div(two, width)), hn::Mul(w(0), hn::Div(two, width))};
-  const HomogeneousStep step2{Scaled(xyz(1), hn::Div(two, height)), hn::Mul(w(1), hn::Div(two, height))};
+  const auto per_column = hn::Set(d, 2.0 / planes.width);
+  const auto per_row = hn::Set(d, 2.0 / planes.height);
+  const HomogeneousStep step1{Scaled(xyz(0), per_column), hn::Mul(w(0), per_column)};
+  const HomogeneousStep step2{Scaled(xyz(1), per_row), hn::Mul(w(1), per_row)};
   const Doubles3 eye = Set(glm::dvec3(camera.ws_eye()));
   const auto eye_w = hn::Set(d, camera.ws_eye().w);
   const auto zero = hn::Zero(d);
@@ -98,17 +97,18 @@ void Unproject(const Camera& camera, const PixelPlanes& planes, const BendTolera
   const double ndc_offset = NdcFromWindowDepth(camera.clip_depth(), 0.0);
   const double ndc_per_depth = NdcFromWindowDepth(camera.clip_depth(), 1.0) - ndc_offset;
   const auto stride = hn::Set(d, static_cast<double>(planes.stride));
+  const auto rows_per_place = hn::Set(d, 1.0 / static_cast<double>(planes.stride));
   for (size_t i = 0; i < indices.size(); i += hn::Lanes(d)) {
     const auto index = hn::LoadU(IndexLanes(), indices.data() + i);
     const auto place = hn::PromoteTo(d, index);
-    const auto row = hn::Floor(hn::Div(hn::Add(place, half), stride));
+    const auto row = hn::Floor(hn::Mul(hn::Add(place, half), rows_per_place));
     const auto column = hn::Sub(place, hn::Mul(row, stride));
-    const auto ndc = [&](Doubles coordinate, int rim, Doubles size) {
+    const auto ndc = [&](Doubles coordinate, int rim, Doubles per_pixel) {
       const auto centre = hn::Add(hn::Sub(coordinate, hn::Set(d, static_cast<double>(rim))), half);
-      return hn::Sub(hn::Div(hn::Mul(centre, two), size), one);
+      return hn::Sub(hn::Mul(centre, per_pixel), one);
     };
-    const Doubles x = ndc(column, PixelPlanes::kRimColumns, width);
-    const Doubles y = ndc(row, PixelPlanes::kRimRows, height);
+    const Doubles x = ndc(column, PixelPlanes::kRimColumns, per_column);
+    const Doubles y = ndc(row, PixelPlanes::kRimRows, per_row);
     const Around depths{planes.window_depth, index};
     const Around distances{planes.inverse_distance, index};
     const Doubles z =
