@@ -81,8 +81,8 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
   const WhitenedSamples tangent = TangentAt(some, *grid, &metric);
   // What matters is whether there is another valley, not how deep it is.
   DefaultOptions quick = options;
-  quick.search_directions = 4;
-  quick.starts = 2;
+  quick.search_directions = 3;
+  quick.starts = 1;
   quick.evaluations_per_start = 6;
   AxisSearch search(tangent, problem.map_size, quick);
   // The metric is to fall to 1/k of what it is. Let all edges be displaced by z times kEdgeLimit: displaced
