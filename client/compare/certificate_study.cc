@@ -29,8 +29,10 @@ std::optional<CertificateRecord> CertifyFit(const ViewStudy& view, const LightSt
   const RayHull hull = MakeFitHull(problem);
   if (!hull.complete) return std::nullopt;
   const WhitenedSamples whitened = Whiten(problem, hull);
-  const WhitenedSamples tangent =
-      TangentAt(whitened, fit.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));
+  const std::optional<TexelGrid> grid =
+      GridOf(fit.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));
+  if (!grid) return std::nullopt;
+  const WhitenedSamples tangent = TangentAt(whitened, *grid);
   const Certificate certificate = Certify(tangent, problem.map_size, options.free_aspect, fit.projection,
                                           {tolerance, time_limit}, Cancellation());
   return CertificateRecord{
