@@ -19,6 +19,7 @@ step "1/3 packages"
 
 step "2/3 build (build/$preset; several minutes the first time)"
 cd "$root"
+[ "$preset" != tsan ] || tests/tsan_tbb.sh build/tsan-tbb
 cmake --preset "$preset" -DSHADOWFIT_TESTS=ON >/dev/null
 cmake --build --preset "$preset"
 

@@ -352,6 +352,7 @@ bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, 
   task.channels = casters.channels;
   task.cancellation = request.cancellation;
   const size_t first_sample = cell_start_[band.first_cell], end_sample = cell_start_[band.end_cell];
+  task.end_sample = band.first_sample + band.samples;
   AlignedBuffer<float>& values = MyScratch();
   const size_t count = end_sample - first_sample;
   if (!values.Reserve(4 * (count + kStagger))) return false;

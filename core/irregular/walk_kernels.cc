@@ -457,7 +457,9 @@ class RunQueue {
   HWY_INLINE void Add(VU triangle, VI first_cell, VI last_cell, MF lanes) {
     const int* starts = reinterpret_cast<const int*>(state_.cell_start);
     const VI first = hn::GatherIndex(di, starts, first_cell);
-    const VI end = hn::GatherIndex(di, starts, hn::Add(last_cell, hn::Set(di, 1)));
+    // The last cell's run would go on over the gap after it, whose answers reach into another thread's.
+    const VI end = hn::Min(hn::GatherIndex(di, starts, hn::Add(last_cell, hn::Set(di, 1))),
+                           hn::Set(di, static_cast<int32_t>(state_.end_sample)));
     const MF keep = hn::And(lanes, hn::RebindMask(df, hn::Lt(first, end)));
     hn::StoreU(hn::Compress(first, hn::RebindMask(di, keep)), di, first_ + count_);
     hn::StoreU(hn::Compress(end, hn::RebindMask(di, keep)), di, end_ + count_);

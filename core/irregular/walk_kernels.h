@@ -21,6 +21,7 @@ struct WalkTask {
   float v_min = 0, v_max = 0;      ///< Enclose the samples in these rows.
   Search search = Search::kGrid;
   const uint32_t* cell_start = nullptr;  ///< Of samples.
+  uint32_t end_sample = 0;               ///< Of these rows; what follows, up to the next cell, is a gap.
   const std::vector<BspNode>* bsp = nullptr;
   SampleArrays samples;
   uint32_t* shadow = nullptr;         ///< Bit per sample: a caster certainly blocks it.
