@@ -45,8 +45,8 @@ std::vector<MapSize> ShareSizes(std::span<const TexelDemand> demands, const Side
 /// that are thinner than they are apart: large texels lose those anyway, as a part of the prediction, but
 /// small ones have edges to draw that nobody saw. So it depends on how many pixels wide a texel is, predicted
 /// / unit pixels (map_quality.h). Measured by bench_budget with 180x180 samples of the plaza at 750x750: the
-/// ninth decile of Embree's count over the prediction is 1.8 at texels of 0.15 pixels, 1.2 at 1 and 1.1 at 2;
-/// to these comes 0.2 for scenes whose shadows are finer.
+/// ninth decile of Embree's count over the prediction is 1.6 at texels of 0.15 pixels, 1.2 at 0.5 and 1.1
+/// from 1 on; to these comes a margin for scenes whose shadows are finer.
 double ToleranceSafety(double texel_pixels);
 
 /// The upper end of what a map of this size is expected to get wrong.
