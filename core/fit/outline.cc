@@ -13,6 +13,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "core/frame/number_lanes-inl.h"
 #include "core/math/double_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -50,9 +51,6 @@ bool FindOutline(const LightSamples& samples, bool shadow_alone, const glm::dmat
   const size_t count = samples.hull_rays.size();
   Greatest farthest[kOutlineDirections];
   for (Greatest& far : farthest) far = {hn::Set(d, -std::numeric_limits<double>::infinity()), zero};
-  std::array<double, 8> numbers;
-  for (size_t k = 0; k < numbers.size(); ++k) numbers[k] = static_cast<double>(k);
-  const auto first_places = hn::LoadU(d, numbers.data());
   auto seen = hn::Eq(zero, zero);
   for (size_t next = 0; next < count; next += lanes) {
     // The last vector has some samples of the one before again.
@@ -71,7 +69,7 @@ bool FindOutline(const LightSamples& samples, bool shadow_alone, const glm::dmat
     const Doubles per_w = hn::Div(hn::Set(d, 1.0), h.z);
     const Doubles x = hn::Mul(h.x, per_w);
     const Doubles y = hn::Mul(h.y, per_w);
-    const Doubles places = hn::Add(first_places, hn::Set(d, static_cast<double>(i)));
+    const Doubles places = NumbersFrom(d, static_cast<double>(i));
     for (size_t k = 0; k < kPairs; ++k) {
       const Doubles along =
           hn::MulAdd(hn::Set(d, directions[k][0]), x, hn::Mul(hn::Set(d, directions[k][1]), y));

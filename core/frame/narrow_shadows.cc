@@ -6,7 +6,7 @@
 namespace shadowfit {
 namespace {
 
-/// 64 pixels from the beginning of a byte on, the first one lowest, those outside rows being zero.
+/// Pixels in shadow, 64 from the beginning of a byte on, the first one lowest; those of the rim are zero.
 struct Pixels {
   const PackedBits& visible;
   const PackedBits& shadow;
@@ -35,12 +35,13 @@ double NarrowShare(const PackedBits& visible, const PackedBits& shadow) {
     const std::ptrdiff_t row = ((y + PixelPlanes::kRimRows) * shadow.stride + PixelPlanes::kRimColumns) / 8;
     for (int x = 0; x < shadow.width; x += 64) {
       const std::ptrdiff_t byte = row + x / 8;
-      uint64_t here = pixels(byte);
+      const uint64_t word = pixels(byte);
+      uint64_t here = word;
       // Beyond the row there is the next one.
       if (x + 64 > shadow.width) here &= (uint64_t{1} << (shadow.width - x)) - 1;
       if (here == 0) continue;
       const uint64_t left = here << 1 | pixels.Byte(byte - 1) >> 7;
-      const uint64_t right = pixels(byte) >> 1 | pixels.Byte(byte + 8) << 63;
+      const uint64_t right = word >> 1 | pixels.Byte(byte + 8) << 63;
       const uint64_t below = pixels(byte - row_bytes);
       const uint64_t above = pixels(byte + row_bytes);
       runs += std::popcount(here & ~left) + std::popcount(here & ~below);

@@ -19,11 +19,11 @@
 #include <string>
 #include <vector>
 
-#include "client/scene_io/load_scene.h"
 #include "core/fit/frame_optimizer.h"
 #include "core/frame/frame_sampler.h"
 #include "core/reference/study_setup.h"
 #include "core/reference/view_study.h"
+#include "tests/support/study_scene.h"
 
 namespace shadowfit {
 namespace {
@@ -45,16 +45,7 @@ class LightCounts {
 
   /// The method's own map; none where it needs several or has nothing to fit.
   std::optional<ShadowProjection> Fit(Method method) const {
-    FrameRequest request;
-    request.camera = {view_.camera.view_from_world(), view_.camera.clip_from_view(),
-                      view_.camera.clip_depth()};
-    request.depth = view_.samples.Depth();
-    request.bits = light_.Bits(view_);
-    request.screen = kScreen;
-    request.ws_scene_bounds = truth_.ws_bounds();
-    request.lights.resize(1);
-    request.lights[0].light = light_.light;
-    request.lights[0].map_size = kMap;
+    const FrameRequest request = testing::RequestFor(truth_, view_, light_, kMap);
     Options options;
     options.method = method;
     options.standard.free_aspect = free_aspect_;
@@ -151,12 +142,7 @@ class LightCounts {
 };
 
 int Run(const std::string& scene_name, LightPlacement placement, int lights, int evaluations, bool aspect) {
-  const absl::StatusOr<Scene> scene = LoadScene(scene_name);
-  if (!scene.ok()) {
-    std::fprintf(stderr, "%s\n", scene.status().ToString().c_str());
-    return 1;
-  }
-  const absl::StatusOr<TruthScene> truth = TruthScene::Create(*scene);
+  const absl::StatusOr<TruthScene> truth = testing::LoadTruth(scene_name);
   if (!truth.ok()) {
     std::fprintf(stderr, "%s\n", truth.status().ToString().c_str());
     return 1;

@@ -19,12 +19,12 @@
 #include <string>
 #include <vector>
 
-#include "client/scene_io/load_scene.h"
 #include "core/fit/frame_optimizer.h"
 #include "core/fit/metric.h"
 #include "core/reference/shadow_map_test.h"
 #include "core/reference/study_setup.h"
 #include "core/reference/view_study.h"
+#include "tests/support/study_scene.h"
 
 namespace shadowfit {
 namespace {
@@ -155,12 +155,7 @@ int Run(int argc, char** argv) {
     std::fprintf(stderr, "study_edges [scene [near|distant|directional|inside [lights [views]]]]\n");
     return 2;
   }
-  const absl::StatusOr<Scene> scene = LoadScene(scene_name);
-  if (!scene.ok()) {
-    std::fprintf(stderr, "%s\n", scene.status().ToString().c_str());
-    return 1;
-  }
-  const absl::StatusOr<TruthScene> truth = TruthScene::Create(*scene);
+  const absl::StatusOr<TruthScene> truth = testing::LoadTruth(scene_name);
   if (!truth.ok()) {
     std::fprintf(stderr, "%s\n", truth.status().ToString().c_str());
     return 1;
@@ -190,15 +185,7 @@ int Run(int argc, char** argv) {
     const ViewStudy& view = views[i % views.size()];
     const absl::StatusOr<LightStudy> study = LightStudy::Create(*truth, view, lights[i]);
     if (!study.ok()) continue;
-    FrameRequest request;
-    request.camera = {camera.view_from_world(), camera.clip_from_view(), camera.clip_depth()};
-    request.depth = view.samples.Depth();
-    request.bits = study->Bits(view);
-    request.screen = {kScreen, kScreen};
-    request.ws_scene_bounds = truth->ws_bounds();
-    request.lights.resize(1);
-    request.lights[0].light = lights[i];
-    request.lights[0].map_size = kMap;
+    const FrameRequest request = testing::RequestFor(*truth, view, *study, kMap);
     Options options;
     options.standard.divide_where_needed = false;
     FrameSummary summary;

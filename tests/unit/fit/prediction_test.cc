@@ -14,7 +14,7 @@ namespace {
 
 using testing::OwnedFrame;
 
-/// Maps of 64x64 texels around a light's own, moved by whole maps.
+/// The same texels over another part of the plane, so many maps' sides further.
 ShadowProjection Moved(const ShadowProjection& projection, double maps_right, double maps_up) {
   glm::dmat3 shift(1.0);
   shift[2] = {-maps_right * projection.size.width, -maps_up * projection.size.height, 1.0};
