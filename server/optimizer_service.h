@@ -1,10 +1,7 @@
 #pragma once
 
-#include <memory>
-#include <mutex>
-#include <vector>
-
 #include "server/frame_worker.h"
+#include "server/idle_pool.h"
 #include "server/service_context.h"
 #include "shadowfit/v1/optimizer.grpc.pb.h"
 
@@ -20,13 +17,8 @@ class OptimizerServiceImpl final : public v1::OptimizerService::CallbackService 
       grpc::CallbackServerContext* call) override;
 
  private:
-  // Unary calls share workers, so that they too find their memory warm: never more than run at a time.
-  std::unique_ptr<FrameWorker> TakeWorker();
-  void GiveBackWorker(std::unique_ptr<FrameWorker> worker);
-
   ServiceContext& context_;
-  std::mutex mutex_;
-  std::vector<std::unique_ptr<FrameWorker>> idle_workers_;
+  IdlePool<FrameWorker> workers_;  // Of unary calls; each stream has its own.
 };
 
 }  // namespace shadowfit

@@ -1,9 +1,6 @@
 #pragma once
 
-#include <memory>
-#include <mutex>
-#include <vector>
-
+#include "server/idle_pool.h"
 #include "server/resolution_worker.h"
 #include "server/service_context.h"
 #include "shadowfit/v1/resolution.grpc.pb.h"
@@ -21,13 +18,8 @@ class ResolutionServiceImpl final : public v1::ResolutionService::CallbackServic
   EstimateResolutionStream(grpc::CallbackServerContext* call) override;
 
  private:
-  // Unary calls share workers, as those of the optimizer do.
-  std::unique_ptr<ResolutionWorker> TakeWorker();
-  void GiveBackWorker(std::unique_ptr<ResolutionWorker> worker);
-
   ServiceContext& context_;
-  std::mutex mutex_;
-  std::vector<std::unique_ptr<ResolutionWorker>> idle_workers_;
+  IdlePool<ResolutionWorker> workers_;  // Of unary calls; each stream has its own.
 };
 
 }  // namespace shadowfit

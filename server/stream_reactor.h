@@ -4,8 +4,10 @@
 #include <grpcpp/support/server_callback.h>
 
 #include <algorithm>
+#include <cmath>
 #include <deque>
 #include <exception>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -14,7 +16,9 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "core/cancellation.h"
 #include "server/errors.h"
 #include "server/job.h"
@@ -25,6 +29,10 @@ namespace shadowfit {
 
 /// A bidirectional stream whose requests are computed on the worker pool, one at a time in the order of their
 /// arrival, while the next ones are received. Each message read gets exactly one answer.
+///
+/// Request has `frame`, with its `frame_id`, and `timeout_seconds`, the client's own limit for this message,
+/// 0 for none. Response has `frame_id` and one of `result`, `error` and `draining`, which asks the client to
+/// end the stream.
 ///
 /// The stream owns a few slots, each a request and its response, and uses their memory over and over. A slot
 /// goes round:
@@ -38,17 +46,28 @@ namespace shadowfit {
 ///
 /// The object keeps itself alive until gRPC is done with it, and jobs keep it alive too.
 template <typename Request, typename Response>
-class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
-                      public DrainableStream,
-                      public std::enable_shared_from_this<StreamReactor<Request, Response>> {
+class StreamReactor final : public grpc::ServerBidiReactor<Request, Response>,
+                            public DrainableStream,
+                            public std::enable_shared_from_this<StreamReactor<Request, Response>> {
  public:
-  /// Makes a Derived and starts it. The pointer is for gRPC.
-  template <typename Derived, typename... Args>
-  static grpc::ServerBidiReactor<Request, Response>* Start(Args&&... args) {
-    auto reactor = std::make_shared<Derived>(std::forward<Args>(args)...);
+  /// Computes an answer's result, on a worker thread, one at a time. The response may hold an earlier one.
+  using Work = std::function<absl::Status(const Request&, const JobContext&, Response*)>;
+
+  /// The pointer is for gRPC.
+  static grpc::ServerBidiReactor<Request, Response>* Start(grpc::CallbackServerContext* call,
+                                                           ServiceContext& context, std::string method,
+                                                           Work work) {
+    auto reactor = std::make_shared<StreamReactor>(call, context, std::move(method), std::move(work));
     reactor->StartReading();
     return reactor.get();
   }
+
+  StreamReactor(grpc::CallbackServerContext* call, ServiceContext& context, std::string method, Work work)
+      : context_(context),
+        method_(std::move(method)),
+        call_deadline_(CallDeadline(*call)),
+        work_(std::move(work)),
+        slots_(static_cast<size_t>(std::max(1, context.options.max_frames_in_stream))) {}
 
   void OnReadDone(bool ok) final {
     const auto keep = this->shared_from_this();
@@ -104,26 +123,9 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
     FinishIfIdle();
   }
 
- protected:
+ private:
   using Clock = Cancellation::Clock;
 
-  StreamReactor(grpc::CallbackServerContext* call, ServiceContext& context, std::string method)
-      : context_(context),
-        method_(std::move(method)),
-        call_deadline_(CallDeadline(*call)),
-        slots_(static_cast<size_t>(std::max(1, context.options.max_frames_in_stream))) {}
-
-  /// The client's own limit for this message in seconds; 0 for none. InvalidArgument where it makes no sense.
-  virtual absl::StatusOr<double> Timeout(const Request& request) const = 0;
-  /// Computes an answer, on a worker thread, one at a time. `response` may hold an earlier one.
-  virtual absl::Status Answer(const Request& request, const JobContext& job, Response* response) = 0;
-  /// Makes an answer that says why there is no other. Called under the stream's lock or on a worker: must not
-  /// block.
-  virtual void Refuse(const Request& request, const absl::Status& reason, Response* response) = 0;
-  /// Makes the message that asks the client to end the stream.
-  virtual void MakeDrainNotice(Response* response) = 0;
-
- private:
   struct Slot {
     Request request;
     Response response;
@@ -159,7 +161,7 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
     slot->arrival = Clock::now();
     const size_t bytes = slot->request.ByteSizeLong();
     context_.metrics.CountReceivedBytes(method_, bytes);
-    absl::StatusOr<double> timeout = Timeout(slot->request);
+    const absl::StatusOr<double> timeout = Timeout(slot->request);
     absl::StatusOr<Admission::Ticket> ticket =
         timeout.ok() ? context_.admission.Admit(bytes) : absl::StatusOr<Admission::Ticket>(timeout.status());
     if (!ticket.ok()) {
@@ -171,6 +173,14 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
     slot->cancellation.emplace(std::min(call_deadline_, DeadlineAfter(slot->arrival, *timeout)));
     waiting_.push_back(slot);
     ComputeNext();
+  }
+
+  static absl::StatusOr<double> Timeout(const Request& request) {
+    const double seconds = request.timeout_seconds();
+    if (std::isfinite(seconds) && seconds >= 0.0) return seconds;
+    return WithFieldViolation(absl::InvalidArgumentError(absl::StrFormat(
+                                  "timeout_seconds: %g is not a finite number >= 0", seconds)),
+                              "");
   }
 
   void ComputeNext() {
@@ -211,7 +221,8 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
                  : absl::CancelledError("the caller cancelled the request");
     }
     try {
-      return Answer(slot.request, {*slot.cancellation, queue_seconds}, &slot.response);
+      slot.response.set_frame_id(slot.request.frame().frame_id());
+      return work_(slot.request, {*slot.cancellation, queue_seconds}, &slot.response);
     } catch (
         const std::exception& error) {  // Out of memory, from a library: this request's misfortune alone.
       return absl::InternalError(error.what());
@@ -220,7 +231,8 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
 
   void RefuseSlot(Slot* slot, const absl::Status& reason) {
     context_.metrics.CountAnswer(method_, reason.code());
-    Refuse(slot->request, reason, &slot->response);
+    slot->response.set_frame_id(slot->request.frame().frame_id());
+    *slot->response.mutable_error() = ProtoFromStatus(reason);
     answered_.push_back(slot);
   }
 
@@ -232,7 +244,7 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
       this->StartWrite(&writing_->response);
     } else if (std::exchange(notice_due_, false)) {
       writing_notice_ = true;
-      MakeDrainNotice(&notice_);
+      notice_.set_draining(true);
       this->StartWrite(&notice_);
     }
   }
@@ -265,6 +277,7 @@ class StreamReactor : public grpc::ServerBidiReactor<Request, Response>,
   ServiceContext& context_;
   const std::string method_;
   const Clock::time_point call_deadline_;
+  const Work work_;
   std::shared_ptr<StreamReactor> self_;
 
   std::mutex mutex_;

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "client/client.h"
-#include "server/errors.h"
 #include "server/service_context.h"
 #include "server/stream_reactor.h"
 #include "server/unary_reactor.h"
@@ -72,34 +71,13 @@ class GatedService final : public v1::OptimizerService::CallbackService {
 
   grpc::ServerBidiReactor<v1::OptimizeStreamRequest, v1::OptimizeStreamResponse>* OptimizeStream(
       grpc::CallbackServerContext* call) override {
-    return Reactor::Start<Reactor>(call, *this);
+    return StreamReactor<v1::OptimizeStreamRequest, v1::OptimizeStreamResponse>::Start(
+        call, context_, "OptimizeStream", [this](const auto& request, const JobContext& job, auto* response) {
+          return Compute(request.frame().frame_id(), job, response->mutable_result());
+        });
   }
 
  private:
-  class Reactor final : public StreamReactor<v1::OptimizeStreamRequest, v1::OptimizeStreamResponse> {
-   public:
-    Reactor(grpc::CallbackServerContext* call, GatedService& service)
-        : StreamReactor(call, service.context_, "OptimizeStream"), service_(service) {}
-
-   private:
-    absl::StatusOr<double> Timeout(const v1::OptimizeStreamRequest& request) const override {
-      return request.timeout_seconds();
-    }
-    absl::Status Answer(const v1::OptimizeStreamRequest& request, const JobContext& job,
-                        v1::OptimizeStreamResponse* response) override {
-      response->set_frame_id(request.frame().frame_id());
-      return service_.Compute(request.frame().frame_id(), job, response->mutable_result());
-    }
-    void Refuse(const v1::OptimizeStreamRequest& request, const absl::Status& reason,
-                v1::OptimizeStreamResponse* response) override {
-      response->set_frame_id(request.frame().frame_id());
-      *response->mutable_error() = ProtoFromStatus(reason);
-    }
-    void MakeDrainNotice(v1::OptimizeStreamResponse* response) override { response->set_draining(true); }
-
-    GatedService& service_;
-  };
-
   absl::Status Compute(uint64_t frame_id, const JobContext& job, v1::FrameResult* result) {
     {
       const std::lock_guard lock(mutex_);
