@@ -34,6 +34,7 @@ absl::Status FrameWorker::RenderBits(const v1::Frame& frame, const JobContext& j
   const absl::StatusOr<Camera> camera = Camera::Create(request_.camera);
   if (!camera.ok()) return absl::OkStatus();  // The optimizer says what is wrong with it.
   std::vector<Light> lights;
+  lights.reserve(request_.lights.size());
   for (const LightRequest& light : request_.lights) lights.push_back(light.light);
   ReceiverLayer layer;
   layer.depth = request_.depth;

@@ -92,6 +92,7 @@ MethodVariant ParseMethod(const std::string& text, MapSize map_size) {
   }
   if (!known) {
     std::vector<std::string> names;
+    names.reserve(AllMethods().size());
     for (const Method method_name : AllMethods()) names.emplace_back(MethodName(method_name));
     throw CLI::ValidationError("--methods",
                                absl::StrCat("\"", text, "\" is none of ", absl::StrJoin(names, ", "),

@@ -20,7 +20,7 @@ namespace shadowfit {
 namespace {
 
 absl::Status Validate(const ComparisonOptions& options) {
-  const auto invalid = [](std::string message) { return absl::InvalidArgumentError(std::move(message)); };
+  const auto invalid = [](const std::string& message) { return absl::InvalidArgumentError(message); };
   if (options.methods.empty()) return invalid("methods: empty, at least one is needed");
   std::set<std::string> names;
   for (const MethodVariant& method : options.methods) {

@@ -32,6 +32,11 @@ struct LogAxis {
     const double clamped = std::clamp(value, low, high);
     return std::log(clamped / low) / std::log(high / low);
   }
+  std::vector<double> Decades() const {
+    std::vector<double> decades = {low};
+    while (decades.back() < 0.5 * high) decades.push_back(10.0 * decades.back());
+    return decades;
+  }
 };
 
 LogAxis AxisFor(double largest) {
@@ -52,11 +57,11 @@ std::string Frame(const LogAxis* x_axis, const LogAxis& y_axis, const char* x_ti
     absl::StrAppendFormat(&svg, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", PlotX(x0),
                           PlotY(y0), PlotX(x1), PlotY(y1));
   };
-  for (double v = y_axis.low; v <= y_axis.high * 1.001; v *= 10.0) {
+  for (const double v : y_axis.Decades()) {
     line(0.0, y_axis.At(v), 1.0, y_axis.At(v));
     svg += Text(kMargin - 6.0, PlotY(y_axis.At(v)) + 4.0, "end", absl::StrFormat("%.0f", v));
   }
-  for (double v = 1.0; x_axis != nullptr && v <= x_axis->high * 1.001; v *= 10.0) {
+  for (const double v : x_axis != nullptr ? x_axis->Decades() : std::vector<double>()) {
     line(x_axis->At(v), 0.0, x_axis->At(v), 1.0);
     svg += Text(PlotX(x_axis->At(v)), kHeight - kMargin + 16.0, "middle", absl::StrFormat("%.0f", v));
   }
@@ -90,6 +95,7 @@ std::string RankedCurves(const Comparison& comparison) {
   std::string svg = Frame(nullptr, axis, "lights, each method's best first", "wrong pixels");
   for (size_t m = 0; m < comparison.options.methods.size(); ++m) {
     std::vector<int> wrong;
+    wrong.reserve(comparison.lights.size());
     for (const LightRecord& light : comparison.lights) wrong.push_back(light.methods[m].wrong_pixels);
     std::ranges::sort(wrong);
     absl::StrAppendFormat(&svg, "<polyline fill='none' stroke-width='1.6' stroke='%s' points='", Color(m));

@@ -88,6 +88,7 @@ ComparisonSummary Summarize(std::span<const LightRecord> records, std::span<cons
   }
 
   std::vector<std::vector<size_t>> worst;
+  worst.reserve(methods.size());
   for (size_t m = 0; m < methods.size(); ++m) worst.push_back(WorstTenth(records, m));
 
   for (size_t m = 0; m < methods.size(); ++m) {

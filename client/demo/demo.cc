@@ -132,6 +132,7 @@ class Demo {
     const VisibleSurface surface =
         truth_->RenderSurface(*camera, options_.screen.width, options_.screen.height);
     std::vector<ShadowMask> truth;
+    truth.reserve(ray_spaces_.size());
     for (const RaySpace& ray_space : ray_spaces_) truth.push_back(truth_->TrueShadow(surface, ray_space));
 
     std::optional<ReportFrame> report;

@@ -53,7 +53,7 @@ void Describe(uint64_t frame_id, shadowfit::v1::Frame* frame) {
     const double ndc_z = -a + b / -distance;
     for (int column = 0; column < kSize; ++column) {
       const double x = ((column + 0.5) * 2.0 / kSize - 1.0) * distance;
-      const auto pixel = static_cast<size_t>(row * kSize + column);
+      const auto pixel = static_cast<size_t>(row) * kSize + static_cast<size_t>(column);
       depth[pixel] = static_cast<float>(0.5 * ndc_z + 0.5);
       const double roof_x = 0.05 * static_cast<double>(frame_id);
       bits[pixel] = std::abs(x - roof_x) < 2.0 && std::abs(distance - 6.0) < 2.0 ? 1 : 0;

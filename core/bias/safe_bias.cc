@@ -152,16 +152,13 @@ class NeedFinder {
       }
       return false;
     };
+    if (is_there(1.0)) return most;
     double beyond = 1.0;
     double within = 0.0;
-    for (double share = 1.0; share > 0.01; share *= 0.6) {
-      if (is_there(share)) {
-        within = share;
-        break;
-      }
-      beyond = share;
+    for (int i = 0; i < 9 && within == 0.0; ++i) {  // Down to a hundredth of the way.
+      const double share = 0.6 * beyond;
+      (is_there(share) ? within : beyond) = share;
     }
-    if (within == 1.0) return most;
     for (int i = 0; i < 3; ++i) {
       const double middle = 0.5 * (within + beyond);
       (is_there(middle) ? within : beyond) = middle;

@@ -23,6 +23,7 @@ std::optional<std::vector<AtlasPosition>> PackAtlas(std::span<const MapSize> map
     return std::nullopt;
   }
   std::vector<AtlasPosition> positions;
+  positions.reserve(rectangles.size());
   for (const stbrp_rect& rectangle : rectangles) positions.push_back({rectangle.x, rectangle.y});
   return positions;
 }

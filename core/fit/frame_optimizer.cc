@@ -30,7 +30,7 @@ double SecondsSince(SteadyClock::time_point start) {
   return std::chrono::duration<double>(SteadyClock::now() - start).count();
 }
 
-absl::Status Invalid(std::string message) { return absl::InvalidArgumentError(std::move(message)); }
+absl::Status Invalid(const std::string& message) { return absl::InvalidArgumentError(message); }
 
 /// Puts the field's path before a message that a lower layer began with a member's name.
 absl::Status Within(const std::string& path, const absl::Status& status) {

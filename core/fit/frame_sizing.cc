@@ -16,7 +16,7 @@
 namespace shadowfit {
 namespace {
 
-absl::Status Invalid(std::string message) { return absl::InvalidArgumentError(std::move(message)); }
+absl::Status Invalid(const std::string& message) { return absl::InvalidArgumentError(message); }
 
 absl::Status CheckSides(const std::string& path, const SideLimits& sides) {
   const int least = sides.rounding == SizeRounding::kMultipleOf8 ? 8 : 1;

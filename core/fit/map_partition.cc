@@ -58,7 +58,7 @@ std::vector<LightSamples> DivideByPlane(const LightSamples& samples, const glm::
 size_t CubeFace(const glm::dvec3& r) {
   const glm::dvec3 a = glm::abs(r);
   const int axis = a.x >= a.y && a.x >= a.z ? 0 : a.y >= a.z ? 1 : 2;
-  return static_cast<size_t>(2 * axis + (r[axis] < 0.0 ? 1 : 0));
+  return 2 * static_cast<size_t>(axis) + (r[axis] < 0.0 ? 1 : 0);
 }
 
 /// The sum over parts of expected misclassified pixels at the best shares of the texels; see the header.
@@ -70,6 +70,7 @@ double Total(const std::vector<double>& costs) {
 
 std::vector<double> CostsOf(const std::vector<Part>& parts) {
   std::vector<double> costs;
+  costs.reserve(parts.size());
   for (const Part& part : parts) costs.push_back(part.fit.cost);
   return costs;
 }
@@ -308,6 +309,7 @@ class Partitioner {
 
   double Predict(const std::vector<SingleMapFit>& maps) const {
     std::vector<ShadowProjection> projections;
+    projections.reserve(maps.size());
     for (const SingleMapFit& map : maps) projections.push_back(map.projection);
     return PredictMisclassifiedPixels(*problem_.samples, projections);
   }

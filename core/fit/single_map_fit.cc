@@ -68,6 +68,7 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
   const std::optional<ShadowProjection> kept = RescaledPrevious(problem, options, *outline);
   if (!kept) return std::nullopt;
   std::vector<glm::dvec3> corners;
+  corners.reserve(outline->size());
   for (const int32_t i : *outline) corners.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
   const RayHull hull = MakeRayHull(*problem.ray_space, corners);
   // Well within what a single map is of use for, see kWidestHalfAngle.

@@ -165,8 +165,8 @@ EdgeDirection DirectionOf(EdgePattern pattern, const glm::dvec2& scale) {
   // two upon another, as wide.
   if (pattern == kTexture) return {{1.0, 0.0}, 0.25 * (scale.x + scale.y)};
   // With xx - yy = 4 sum ge, the dominant eigenvector's angle is half that of (xx - yy, 2 xy).
-  const double sum_ge = pattern / kSums - kQuads;
-  const double xy = pattern % kSums - kQuads;
+  const int sum_ge = pattern / kSums - kQuads;
+  const int xy = pattern % kSums - kQuads;
   const double angle = 0.5 * std::atan2(xy, 2.0 * sum_ge);
   const glm::dvec2 normal(std::cos(angle), std::sin(angle));
   const double stretch = glm::length(glm::dvec2(-normal.y, normal.x) * scale);

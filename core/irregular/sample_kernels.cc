@@ -38,7 +38,8 @@ HWY_INLINE Homogeneous FromDepth(const RayFromPixel& m, const double row_base[4]
   Homogeneous out;
   for (int half = 0; half < 2; ++half) {
     const VD depth = hn::PromoteTo(dd, half == 0 ? hn::LowerHalf(dh, z) : hn::UpperHalf(dh, z));
-    const VD column = hn::Add(hn::Iota(dd, 0), hn::Set(dd, static_cast<double>(x + half * kLanes / 2)));
+    const int first = x + half * kLanes / 2;
+    const VD column = hn::Add(hn::Iota(dd, 0), hn::Set(dd, static_cast<double>(first)));
     for (int i = 0; i < 4; ++i) {
       out.h[i][half] = hn::MulAdd(depth, hn::Set(dd, m.col_z[i]),
                                   hn::MulAdd(column, hn::Set(dd, m.col_x[i]), hn::Set(dd, row_base[i])));

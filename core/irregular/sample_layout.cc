@@ -138,7 +138,7 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
   face->rows = row + 1;
 
   // 2. Each row's range of u, a little wider than its typical samples.
-  const auto padded_rows = static_cast<size_t>(face->rows + kPadding);
+  const auto padded_rows = static_cast<size_t>(face->rows) + kPadding;
   std::vector<float>& low = face->row_u_origin;
   std::vector<float>& high = face->row_u_scale;
   low.assign(padded_rows, std::numeric_limits<float>::infinity());

@@ -200,6 +200,7 @@ absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, s
   totals.assign(pieces.size() * request.lights.size(), PieceTotals{});
   const CasterInput input = {segments, casters, &request.scene->uvs(), channels};
   std::vector<MaskImages> images;
+  images.reserve(end - begin);
   for (size_t light = begin; light < end; ++light) images.push_back(ImagesOf(request, light));
   std::atomic<bool> failed{false};
   const auto render = [&](PieceRenderer& renderer, size_t i) {

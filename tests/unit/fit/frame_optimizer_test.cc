@@ -141,7 +141,8 @@ TEST_P(EveryMethod, DepthIsMonotoneAlongEveryLightRay) {
       if (!summary.lights[0].projection.Holds(samples[0].hull_rays[k])) continue;
       const RaySpace::WsRay ray = space.WorldRay(samples[0].hull_rays[k]);
       double previous = rising ? -1e300 : 1e300;
-      for (double t = 0.1; t < 2.0; t += 0.1) {
+      for (int tenth = 1; tenth < 20; ++tenth) {
+        const double t = 0.1 * tenth;
         const double along = space.is_directional() ? samples[0].hull_along_ray[k] + 20.0 * (t - 1.0) : t;
         const glm::dvec4 clip =
             summary.lights[0].clip_from_world * glm::dvec4(ray.origin + along * ray.direction, 1.0);

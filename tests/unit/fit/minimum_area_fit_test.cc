@@ -37,8 +37,8 @@ TEST(MinimumAreaFit, RectangleEqualsBruteForceOverAngles) {
     const std::vector<glm::dvec2> polygon = RandomPolygon(random, 3 + static_cast<int>(random() % 30));
     if (polygon.size() < 3) continue;
     double least = 1e300;
-    for (double degrees = 0.0; degrees < 90.0; degrees += 0.01) {
-      const double angle = degrees * std::numbers::pi / 180.0;
+    for (int step = 0; step < 9000; ++step) {
+      const double angle = 0.01 * step * std::numbers::pi / 180.0;
       const glm::dvec2 e(std::cos(angle), std::sin(angle));
       glm::dvec2 low(1e300);
       glm::dvec2 high(-1e300);
