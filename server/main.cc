@@ -35,6 +35,8 @@ int Run(const shadowfit::ServerOptions& options, const sigset_t& stop_signals) {
 
 }  // namespace
 
+// What may be thrown before the `try` is a mistake in our flags, which every start would show.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   // Before any thread starts, so that all of them inherit the mask and the signals wait for sigwait.
   sigset_t stop_signals;

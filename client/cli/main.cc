@@ -6,6 +6,8 @@
 
 #include "client/cli/commands.h"
 
+// What may be thrown before the `try` is a mistake in our flags, which every start would show.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("shadowfit"));
   spdlog::set_pattern("%^%l%$ %v");

@@ -117,7 +117,7 @@ class Demo {
           FrameLoop::Create(renderer_.get(), walk_.lights, client_.OpenStream(stream_options), loop_options);
       if (!loop.ok()) return loop.status();
       loops_.push_back(*std::move(loop));
-      MethodRecord record;
+      WalkRecord record;
       record.name = method.name;
       record.latency = loop_options.latency;
       result_.records.push_back(std::move(record));
@@ -140,7 +140,7 @@ class Demo {
     std::vector<uint8_t> wrong_before(surface.size(), 0);
     for (size_t m = 0; m < loops_.size(); ++m) {
       FrameLoop& loop = *loops_[m];
-      MethodRecord& record = result_.records[m];
+      WalkRecord& record = result_.records[m];
       const SteadyClock::time_point start = SteadyClock::now();
       absl::StatusOr<FrameTrace> trace = loop.Step(matrices);
       if (!trace.ok()) return trace.status();
@@ -177,7 +177,7 @@ class Demo {
 
   /// The picture that a viewer would see, for which alone a frame rate is measured.
   absl::Status DrawFrame(size_t frame, const Camera& camera, const ShadowMaps& maps,
-                         SteadyClock::time_point frame_start, MethodRecord* record) {
+                         SteadyClock::time_point frame_start, WalkRecord* record) {
     const SteadyClock::time_point start = SteadyClock::now();
     const absl::StatusOr<Picture> picture = renderer_->DrawPicture(camera, maps);
     if (!picture.ok()) return picture.status();
@@ -196,7 +196,7 @@ class Demo {
     return false;
   }
 
-  static void AddTimes(const FrameTrace& trace, MethodRecord* record) {
+  static void AddTimes(const FrameTrace& trace, WalkRecord* record) {
     record->samples_ms.push_back(trace.samples_ms);
     record->wait_ms.push_back(trace.wait_ms);
     record->shadow_maps_ms.push_back(trace.shadow_maps_ms);
@@ -207,7 +207,7 @@ class Demo {
   /// The exact map test with the very matrices that the maps were drawn with; its answers, one a light.
   absl::StatusOr<std::vector<ShadowMask>> CountWrong(const VisibleSurface& surface,
                                                      const std::vector<ShadowMask>& truth,
-                                                     const ShadowMaps& maps, MethodRecord* record,
+                                                     const ShadowMaps& maps, WalkRecord* record,
                                                      std::vector<uint8_t>* wrong) const {
     std::vector<ShadowMask> answers;
     std::vector<int>& counts = record->wrong_pixels.emplace_back();

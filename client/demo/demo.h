@@ -8,9 +8,9 @@
 #include "absl/status/statusor.h"
 #include "client/client.h"
 #include "client/demo/mask_study.h"
-#include "client/demo/method_record.h"
 #include "client/demo/resolution_study.h"
 #include "client/demo/walk.h"
+#include "client/demo/walk_record.h"
 #include "core/math/shadow_projection.h"
 #include "core/scene/scene.h"
 
@@ -31,7 +31,7 @@ struct DemoOptions {
 struct DemoResult {
   std::string scene;
   std::vector<std::string> light_names;
-  std::vector<MethodRecord> records;
+  std::vector<WalkRecord> records;
   ResolutionFigures resolution;
   MaskFigures masks;
 };

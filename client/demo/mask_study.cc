@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "client/demo/method_record.h"
+#include "client/demo/walk_record.h"
 #include "client/demo/wire_encoding.h"
 #include "client/mask_bits.h"
 #include "client/scene_io/scene_to_wire.h"

@@ -12,7 +12,7 @@
 namespace shadowfit {
 namespace {
 
-absl::Status Write(OIIO::ImageOutput* output, const std::string& name, OIIO::ImageSpec spec,
+absl::Status Write(OIIO::ImageOutput* output, const std::string& name, const OIIO::ImageSpec& spec,
                    const Picture& picture) {
   if (!output->open(name, spec))
     return absl::UnavailableError(absl::StrFormat("%s: %s", name, output->geterror()));

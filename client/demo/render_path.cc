@@ -6,8 +6,8 @@
 
 #include "absl/strings/str_format.h"
 #include "client/demo/frame_loop.h"
-#include "client/demo/method_record.h"
 #include "client/demo/output_files.h"
+#include "client/demo/walk_record.h"
 #include "client/render/renderer.h"
 
 namespace shadowfit {
@@ -39,7 +39,7 @@ absl::StatusOr<RenderedPath> RenderPath(const Scene& scene, Client& client, Came
   RenderedPath rendered;
   rendered.frames = path.walk.cameras.size();
   rendered.lights = path.walk.lights.size();
-  MethodRecord record;
+  WalkRecord record;
   record.name = v1::Method_Name(method);
   double seconds = 0.0;
   for (size_t frame = 0; frame < path.walk.cameras.size(); ++frame) {

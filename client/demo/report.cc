@@ -88,7 +88,7 @@ std::string Chart(const std::string& title, const std::vector<Series>& series, c
 
 /// Curves of one quantity over the frames, a line a method. `value(record, frame)`.
 template <typename Value>
-std::string Curves(const std::string& title, const std::vector<MethodRecord>& records, int width, int height,
+std::string Curves(const std::string& title, const std::vector<WalkRecord>& records, int width, int height,
                    const Value& value) {
   std::vector<int> frames(records[0].wrong_pixels.size());
   std::iota(frames.begin(), frames.end(), 0);
@@ -108,7 +108,7 @@ std::string LegendOf(const std::vector<std::pair<const char*, std::string>>& ent
   return absl::StrCat(html, "</p>");
 }
 
-std::string Legend(const std::vector<MethodRecord>& records) {
+std::string Legend(const std::vector<WalkRecord>& records) {
   std::vector<std::pair<const char*, std::string>> entries;
   for (size_t m = 0; m < records.size(); ++m)
     entries.emplace_back(kColors[m % std::size(kColors)], records[m].name);
@@ -152,11 +152,11 @@ std::string ResolutionSection(const ResolutionFigures& figures) {
 }
 
 std::string WrongPixelTable(const std::vector<std::string>& light_names,
-                            const std::vector<MethodRecord>& records) {
+                            const std::vector<WalkRecord>& records) {
   std::string html = "<table><tr><th>method</th>";
   for (const std::string& name : light_names) absl::StrAppendFormat(&html, "<th>%s</th>", Escaped(name));
   absl::StrAppend(&html, "<th>all lights</th><th>matrices from</th><th>optimizer, ms a light</th></tr>");
-  for (const MethodRecord& record : records) {
+  for (const WalkRecord& record : records) {
     absl::StrAppendFormat(&html, "<tr><td>%s</td>", Escaped(record.name));
     for (size_t light = 0; light < light_names.size(); ++light) {
       absl::StrAppendFormat(&html, "<td>%.0f</td>", record.MeanOfLight(light));
@@ -264,7 +264,7 @@ Picture SplitPicture(const Picture& left, const Picture& right) {
 }
 
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
-                                       const std::vector<MethodRecord>& records, MapSize map_size,
+                                       const std::vector<WalkRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,
                                        const std::string& after_name, const ResolutionFigures& resolution,
                                        const MaskFigures& masks) {
@@ -281,7 +281,7 @@ absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vect
   absl::StrAppend(&html, "<h2>Wrong pixels, mean of all frames</h2>", WrongPixelTable(light_names, records));
   const std::vector<double> round_trips = [&] {
     std::vector<double> all;
-    for (const MethodRecord& r : records) {
+    for (const WalkRecord& r : records) {
       if (r.latency > 0) all.insert(all.end(), r.round_trip_ms.begin(), r.round_trip_ms.end());
     }
     return all;
@@ -292,13 +292,13 @@ absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vect
   absl::StrAppend(
       &html, "<h2>Over the frames</h2>", Legend(records),
       Curves("wrong pixels, all lights", records, 1000, 320,
-             [](const MethodRecord& r, size_t frame) { return static_cast<double>(r.FrameTotal(frame)); }),
+             [](const WalkRecord& r, size_t frame) { return static_cast<double>(r.FrameTotal(frame)); }),
       "<div class=\"grid\">");
   for (size_t light = 0; light < light_names.size(); ++light) {
-    absl::StrAppend(
-        &html, Curves(light_names[light], records, 500, 200, [light](const MethodRecord& r, size_t frame) {
-          return static_cast<double>(r.wrong_pixels[frame][light]);
-        }));
+    absl::StrAppend(&html,
+                    Curves(light_names[light], records, 500, 200, [light](const WalkRecord& r, size_t frame) {
+                      return static_cast<double>(r.wrong_pixels[frame][light]);
+                    }));
   }
   absl::StrAppend(&html, "</div>", ResolutionSection(resolution));
   const absl::StatusOr<std::string> mask_section = MaskSection(masks, frames, after_name);

@@ -6,8 +6,8 @@
 
 #include "absl/status/statusor.h"
 #include "client/demo/mask_study.h"
-#include "client/demo/method_record.h"
 #include "client/demo/resolution_study.h"
+#include "client/demo/walk_record.h"
 #include "client/render/picture_pass.h"
 #include "core/math/shadow_projection.h"
 
@@ -35,7 +35,7 @@ Picture SplitPicture(const Picture& left, const Picture& right);
 
 /// A page that needs no other file: tables, curves over the frames, pictures before and after.
 absl::StatusOr<std::string> ReportHtml(const std::string& scene, const std::vector<std::string>& light_names,
-                                       const std::vector<MethodRecord>& records, MapSize map_size,
+                                       const std::vector<WalkRecord>& records, MapSize map_size,
                                        const std::vector<ReportFrame>& frames, const std::string& before_name,
                                        const std::string& after_name, const ResolutionFigures& resolution,
                                        const MaskFigures& masks);

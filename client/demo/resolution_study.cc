@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "client/demo/method_record.h"
+#include "client/demo/walk_record.h"
 
 namespace shadowfit {
 namespace {

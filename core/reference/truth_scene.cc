@@ -34,7 +34,7 @@ enum class Question {
 struct Dimming {
   unsigned ray;
   uint32_t primitive;
-  friend auto operator<=>(const Dimming&, const Dimming&) = default;
+  friend bool operator==(const Dimming&, const Dimming&) = default;
 };
 
 /// Embree hands this back to the filter functions; RTCRay::id is the ray's index in the tile.
@@ -334,9 +334,8 @@ void TruthScene::Impl::TraceShadowRays(const VisibleSurface& surface, const RayS
     Query query = MakeQuery(question, own.data(), &dimmings);
     rtcOccluded1M(scene, &query.embree, rays.data(), count, sizeof(RTCRay));
     // Sorted, so that each triangle counts once and the product is taken in one order.
-    std::ranges::sort(dimmings);
-    const auto repeated = std::ranges::unique(dimmings);
-    dimmings.erase(repeated.begin(), repeated.end());
+    std::ranges::sort(dimmings, {}, [](const Dimming& d) { return std::pair(d.ray, d.primitive); });
+    dimmings.erase(std::unique(dimmings.begin(), dimmings.end()), dimmings.end());
     for (const Dimming& d : dimmings) {
       transmittance[d.ray] *= materials[size_t(porous[d.primitive - opaque_count].material)].transmittance;
     }

@@ -62,7 +62,7 @@ TEST_F(DemoTest, WritesFramesReportAndRepeatableMatrices) {
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_EQ(frames, 3);
   ASSERT_EQ(result->records.size(), 4u);
-  for (const MethodRecord& record : result->records) {
+  for (const WalkRecord& record : result->records) {
     SCOPED_TRACE(record.name);
     ASSERT_EQ(record.wrong_pixels.size(), 3u);
     ASSERT_EQ(record.wrong_pixels[0].size(), 3u);

@@ -1,4 +1,4 @@
-#include "client/demo/method_record.h"
+#include "client/demo/walk_record.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +11,9 @@ namespace shadowfit {
 namespace {
 
 /// Round trips of the methods that a renderer would run with the service behind it.
-std::vector<double> PipelinedRoundTrips(const std::vector<MethodRecord>& records) {
+std::vector<double> PipelinedRoundTrips(const std::vector<WalkRecord>& records) {
   std::vector<double> all;
-  for (const MethodRecord& record : records) {
+  for (const WalkRecord& record : records) {
     if (record.latency > 0) all.insert(all.end(), record.round_trip_ms.begin(), record.round_trip_ms.end());
   }
   return all;
@@ -21,7 +21,7 @@ std::vector<double> PipelinedRoundTrips(const std::vector<MethodRecord>& records
 
 }  // namespace
 
-void MethodRecord::AddMatrices(std::span<const LightView> lights) {
+void WalkRecord::AddMatrices(std::span<const LightView> lights) {
   std::vector<std::array<double, 16>>& of_frame = matrices.emplace_back();
   for (const LightView& light : lights) {
     std::array<double, 16>& entries = of_frame.emplace_back();
@@ -31,23 +31,23 @@ void MethodRecord::AddMatrices(std::span<const LightView> lights) {
   }
 }
 
-int MethodRecord::FrameTotal(size_t frame) const {
+int WalkRecord::FrameTotal(size_t frame) const {
   return std::accumulate(wrong_pixels[frame].begin(), wrong_pixels[frame].end(), 0);
 }
 
-double MethodRecord::MeanOfLight(size_t light) const {
+double WalkRecord::MeanOfLight(size_t light) const {
   double sum = 0.0;
   for (const std::vector<int>& frame : wrong_pixels) sum += frame[light];
   return sum / static_cast<double>(wrong_pixels.size());
 }
 
-double MethodRecord::MeanPerFrame() const {
+double WalkRecord::MeanPerFrame() const {
   double sum = 0.0;
   for (size_t frame = 0; frame < wrong_pixels.size(); ++frame) sum += FrameTotal(frame);
   return sum / static_cast<double>(wrong_pixels.size());
 }
 
-double MethodRecord::MeanPerLight() const {
+double WalkRecord::MeanPerLight() const {
   return MeanPerFrame() / static_cast<double>(wrong_pixels[0].size());
 }
 
@@ -59,7 +59,7 @@ double Percentile(std::vector<double> values, double share) {
   return values[index];
 }
 
-double WorstTenPercent(const MethodRecord& record, const MethodRecord& ranked_by) {
+double WorstTenPercent(const WalkRecord& record, const WalkRecord& ranked_by) {
   std::vector<std::pair<int, int>> ranked;  // Wrong pixels of the ranking method, and of this one.
   for (size_t frame = 0; frame < record.wrong_pixels.size(); ++frame) {
     for (size_t light = 0; light < record.wrong_pixels[frame].size(); ++light) {
@@ -75,21 +75,21 @@ double WorstTenPercent(const MethodRecord& record, const MethodRecord& ranked_by
 }
 
 nlohmann::json DemoJson(const std::string& scene, const std::vector<std::string>& light_names,
-                        const std::vector<MethodRecord>& records) {
+                        const std::vector<WalkRecord>& records) {
   nlohmann::json document;
   document["scene"] = scene;
   document["lights"] = light_names.size();
   document["lightNames"] = light_names;
   document["frames"] = records.empty() ? 0 : records[0].wrong_pixels.size();
   nlohmann::json& methods = document["methods"] = nlohmann::json::object();
-  for (const MethodRecord& record : records) {
+  for (const WalkRecord& record : records) {
     nlohmann::json& method = methods[record.name];
     method["meanWrongPixels"] = record.MeanPerLight();
     method["meanWrongPixelsPerFrame"] = record.MeanPerFrame();
     for (size_t light = 0; light < light_names.size(); ++light) {
       method["meanWrongPixelsOfLight"].push_back(record.MeanOfLight(light));
     }
-    for (const MethodRecord& ranked_by : records) {
+    for (const WalkRecord& ranked_by : records) {
       method["worstTenPercent"][ranked_by.name] = WorstTenPercent(record, ranked_by);
     }
     method["medianMilliseconds"] = Percentile(record.optimize_ms, 0.5);
@@ -103,12 +103,12 @@ nlohmann::json DemoJson(const std::string& scene, const std::vector<std::string>
   return document;
 }
 
-std::string DemoTable(const std::vector<std::string>& light_names, const std::vector<MethodRecord>& records) {
+std::string DemoTable(const std::vector<std::string>& light_names, const std::vector<WalkRecord>& records) {
   std::string text = absl::StrFormat("Wrong pixels against shadow rays, mean of %d frames\n\n%-14s",
                                      records[0].wrong_pixels.size(), "method");
   for (const std::string& name : light_names) absl::StrAppendFormat(&text, " %15s", name);
   absl::StrAppendFormat(&text, " %12s  %s\n", "all lights", "matrices from");
-  for (const MethodRecord& record : records) {
+  for (const WalkRecord& record : records) {
     absl::StrAppendFormat(&text, "%-14s", record.name);
     for (size_t light = 0; light < light_names.size(); ++light) {
       absl::StrAppendFormat(&text, " %15.0f", record.MeanOfLight(light));
@@ -119,7 +119,7 @@ std::string DemoTable(const std::vector<std::string>& light_names, const std::ve
   }
   absl::StrAppendFormat(&text, "\nMedian milliseconds\n\n%-14s %18s %12s %10s %12s\n", "method",
                         "optimizer a light", "samples", "wait", "shadow maps");
-  for (const MethodRecord& record : records) {
+  for (const WalkRecord& record : records) {
     absl::StrAppendFormat(&text, "%-14s %18.3f %12.1f %10.2f %12.1f\n", record.name,
                           Percentile(record.optimize_ms, 0.5), Percentile(record.samples_ms, 0.5),
                           Percentile(record.wait_ms, 0.5), Percentile(record.shadow_maps_ms, 0.5));
@@ -127,7 +127,7 @@ std::string DemoTable(const std::vector<std::string>& light_names, const std::ve
   const std::vector<double> round_trips = PipelinedRoundTrips(records);
   absl::StrAppendFormat(&text, "\nRound trip to the service: p50 %.2f ms, p95 %.2f ms\n",
                         Percentile(round_trips, 0.5), Percentile(round_trips, 0.95));
-  for (const MethodRecord& record : records) {
+  for (const WalkRecord& record : records) {
     if (record.frame_ms.empty()) continue;
     const double frame_ms = Percentile(record.frame_ms, 0.5);
     absl::StrAppendFormat(&text, "Frames with %s: %.1f ms (%.1f ms of them the picture), %.1f a second\n",
@@ -136,10 +136,10 @@ std::string DemoTable(const std::vector<std::string>& light_names, const std::ve
   return text;
 }
 
-nlohmann::json MatricesJson(const std::string& scene, const std::vector<MethodRecord>& records) {
+nlohmann::json MatricesJson(const std::string& scene, const std::vector<WalkRecord>& records) {
   nlohmann::json document;
   document["scene"] = scene;
-  for (const MethodRecord& record : records) document["methods"][record.name] = record.matrices;
+  for (const WalkRecord& record : records) document["methods"][record.name] = record.matrices;
   return document;
 }
 

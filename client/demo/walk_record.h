@@ -12,7 +12,7 @@
 namespace shadowfit {
 
 /// What one method did over a walk.
-struct MethodRecord {
+struct WalkRecord {
   std::string name;
   int latency = 0;  ///< Frames between what the service saw and what was drawn with it.
   std::vector<std::vector<int>> wrong_pixels;  ///< [frame][light], against shadow rays.
@@ -46,16 +46,16 @@ double Percentile(std::vector<double> values, double share);
 
 /// Mean wrong pixels of `record` over the tenth of all (frame, light) pairs that `ranked_by` gets most wrong:
 /// the papers' question how a method does where another one fails.
-double WorstTenPercent(const MethodRecord& record, const MethodRecord& ranked_by);
+double WorstTenPercent(const WalkRecord& record, const WalkRecord& ranked_by);
 
 /// The document that `demo --json` prints.
 nlohmann::json DemoJson(const std::string& scene, const std::vector<std::string>& light_names,
-                        const std::vector<MethodRecord>& records);
+                        const std::vector<WalkRecord>& records);
 
 /// The table for people.
-std::string DemoTable(const std::vector<std::string>& light_names, const std::vector<MethodRecord>& records);
+std::string DemoTable(const std::vector<std::string>& light_names, const std::vector<WalkRecord>& records);
 
 /// All matrices, exact to the last bit, so that two runs can be compared.
-nlohmann::json MatricesJson(const std::string& scene, const std::vector<MethodRecord>& records);
+nlohmann::json MatricesJson(const std::string& scene, const std::vector<WalkRecord>& records);
 
 }  // namespace shadowfit

@@ -1,4 +1,4 @@
-#include "client/demo/method_record.h"
+#include "client/demo/walk_record.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,22 +8,22 @@
 namespace shadowfit {
 namespace {
 
-MethodRecord Record(const std::string& name, std::vector<std::vector<int>> wrong_pixels) {
-  MethodRecord record;
+WalkRecord Record(const std::string& name, std::vector<std::vector<int>> wrong_pixels) {
+  WalkRecord record;
   record.name = name;
   record.wrong_pixels = std::move(wrong_pixels);
   return record;
 }
 
-TEST(MethodRecordTest, Means) {
-  const MethodRecord record = Record("a", {{10, 2}, {20, 4}});
+TEST(WalkRecordTest, Means) {
+  const WalkRecord record = Record("a", {{10, 2}, {20, 4}});
   EXPECT_EQ(record.FrameTotal(1), 24);
   EXPECT_DOUBLE_EQ(record.MeanOfLight(0), 15.0);
   EXPECT_DOUBLE_EQ(record.MeanPerFrame(), 18.0);
   EXPECT_DOUBLE_EQ(record.MeanPerLight(), 9.0);
 }
 
-TEST(MethodRecordTest, PercentileIsTheNearestRank) {
+TEST(WalkRecordTest, PercentileIsTheNearestRank) {
   EXPECT_EQ(Percentile({}, 0.5), 0.0);
   EXPECT_EQ(Percentile({7}, 0.95), 7);
   EXPECT_EQ(Percentile({3, 1, 2, 4}, 0.5), 2);
@@ -31,17 +31,17 @@ TEST(MethodRecordTest, PercentileIsTheNearestRank) {
   EXPECT_EQ(Percentile({3, 1, 2, 4}, 0.0), 1);
 }
 
-TEST(MethodRecordTest, WorstTenPercentIsRankedByTheOtherMethod) {
+TEST(WalkRecordTest, WorstTenPercentIsRankedByTheOtherMethod) {
   // Twelve pairs of frame and light: two of them are the worst tenth.
-  MethodRecord a = Record("a", {{1, 2, 3, 4, 5, 6}, {7, 8, 9, 10, 11, 12}});
-  MethodRecord b = Record("b", {{90, 1, 80, 1, 1, 1}, {1, 1, 1, 1, 1, 1}});
+  WalkRecord a = Record("a", {{1, 2, 3, 4, 5, 6}, {7, 8, 9, 10, 11, 12}});
+  WalkRecord b = Record("b", {{90, 1, 80, 1, 1, 1}, {1, 1, 1, 1, 1, 1}});
   EXPECT_DOUBLE_EQ(WorstTenPercent(a, a), 11.5);
   EXPECT_DOUBLE_EQ(WorstTenPercent(a, b), 2.0);
   EXPECT_DOUBLE_EQ(WorstTenPercent(b, a), 1.0);
 }
 
-TEST(MethodRecordTest, MatricesSurviveTheDocumentToTheLastBit) {
-  MethodRecord record = Record("a", {{1}});
+TEST(WalkRecordTest, MatricesSurviveTheDocumentToTheLastBit) {
+  WalkRecord record = Record("a", {{1}});
   LightView view;
   view.clip_from_world[2][1] = 1.0 / 3.0;
   view.clip_from_world[3][0] = -4.9406564584124654e-324;
