@@ -114,7 +114,8 @@ absl::StatusOr<RecordStore> RecordStore::Open(const std::filesystem::path& folde
   std::ifstream kept(store.path_);
   for (std::string text; std::getline(kept, text);) {
     if (std::optional<Line> line = LineOf(text)) {
-      store.lines_[{line->placement, line->index, line->method}] = *std::move(line);
+      Line& slot = store.lines_[{line->placement, line->index, line->method}];
+      slot = *std::move(line);
     }
   }
   kept.close();

@@ -87,7 +87,7 @@ class GatedService final : public v1::OptimizerService::CallbackService {
     int seen = most_;
     while (now > seen && !most_.compare_exchange_weak(seen, now)) {
     }
-    const absl::Status status = PassGate(job);
+    absl::Status status = PassGate(job);
     --active_;
     if (throw_next_.exchange(false)) throw std::runtime_error("out of luck");
     result->set_frame_id(frame_id);

@@ -49,8 +49,9 @@ std::vector<glm::vec3> Positions(const BenchScene& bench, const Camera& camera,
   std::vector<glm::vec3> positions(depth.size(), glm::vec3(NAN));
   for (size_t i = 0; i < depth.size(); ++i) {
     if (depth[i] >= 1.0f) continue;
-    const double x = (double(i % size_t(bench.width)) + 0.5) * 2.0 / bench.width - 1.0;
-    const double y = (double(i / size_t(bench.width)) + 0.5) * 2.0 / bench.height - 1.0;
+    const size_t column = i % size_t(bench.width), row = i / size_t(bench.width);
+    const double x = (double(column) + 0.5) * 2.0 / bench.width - 1.0;
+    const double y = (double(row) + 0.5) * 2.0 / bench.height - 1.0;
     const glm::dvec4 h = camera.WsFromNdc({x, y, 2.0 * double(depth[i]) - 1.0});
     positions[i] = glm::vec3(glm::dvec3(h) / h.w);
   }

@@ -52,7 +52,8 @@ View MakeView(int width, int height) {
       const glm::dvec3 direction = glm::dvec3(far) / far.w - eye;
       double t = direction.y < 0.0 ? -eye.y / direction.y : 1.0;
       for (int ball = 0; ball < 25; ++ball) {
-        const glm::dvec3 centre(2.5 * (ball % 5 - 2), 0.6, 2.5 * (ball / 5 - 3));
+        const int column = ball % 5 - 2, row = ball / 5 - 3;
+        const glm::dvec3 centre(2.5 * column, 0.6, 2.5 * row);
         const glm::dvec3 to = centre - eye;
         const double a = glm::dot(direction, direction);
         const double b = glm::dot(direction, to);
