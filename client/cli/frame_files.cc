@@ -28,7 +28,7 @@ absl::StatusOr<std::string> ReadTextFile(const std::string& path) {
 /// Reads the only channel of a picture into `buffer`, as the type that it has in the file: a conversion would
 /// send integers through float and lose their low bits.
 template <typename Buffer>
-absl::Status ReadChannel(const std::string& path, OIIO::TypeDesc type, Buffer& buffer) {
+absl::Status ReadChannel(const std::string& path, const OIIO::TypeDesc& type, Buffer& buffer) {
   const std::unique_ptr<OIIO::ImageInput> input = OIIO::ImageInput::open(path);
   if (input == nullptr) return absl::NotFoundError(absl::StrCat(path, ": ", OIIO::geterror()));
   const OIIO::ImageSpec& spec = input->spec();

@@ -15,8 +15,6 @@
 #include <utility>
 #include <vector>
 
-extern char** environ;
-
 namespace shadowfit::testing {
 
 /// A program that runs beside the test. Killed when it goes out of scope.
