@@ -464,12 +464,14 @@ TEST(ShadowMasks, AnyNumberOfThreadsGivesTheSameBits) {
   const std::vector<Light> lights = {PointLight{{2, 1, 8}}, SpotLight{{-3, -3, 9}, {0.3, 0.3, -1}, 0.5},
                                      DirectionalLight{{0.3, 0.2, -1}}};
   std::vector<std::vector<uint8_t>> expected(lights.size());
-  for (const auto& [threads, pieces] : std::vector<std::pair<int, MaskPieces>>{{1, MaskPieces::kSmall},
-                                                                               {2, MaskPieces::kSmall},
-                                                                               {7, MaskPieces::kSmall},
-                                                                               {1, MaskPieces::kFrame},
-                                                                               {3, MaskPieces::kFrame},
-                                                                               {7, MaskPieces::kFrame}}) {
+  for (const auto& run : std::vector<std::pair<int, MaskPieces>>{{1, MaskPieces::kSmall},
+                                                                 {2, MaskPieces::kSmall},
+                                                                 {7, MaskPieces::kSmall},
+                                                                 {1, MaskPieces::kFrame},
+                                                                 {3, MaskPieces::kFrame},
+                                                                 {7, MaskPieces::kFrame}}) {
+    const int threads = run.first;
+    const MaskPieces pieces = run.second;
     const bool first = threads == 1 && pieces == MaskPieces::kSmall;
     tbb::task_arena arena(threads);
     arena.execute([&] {
