@@ -54,26 +54,53 @@ double FrobeniusSum(const BoundarySamples& samples, const glm::dmat3& texel_from
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
+/// EdgePixels of some samples' edges; see the header.
+template <class Load>
+Doubles EdgePixelsOf(const Load& load, const BoundarySamples& samples, const ScaledJacobians& k) {
+  const DoubleLanes d;
+  const auto n1 = load(samples.n1);
+  const auto n2 = load(samples.n2);
+  // n^T J^-1 = n^T adj(K) w^2 / det(K).
+  const auto along1 = hn::Abs(hn::Sub(hn::Mul(n1, k.k22), hn::Mul(n2, k.k21)));
+  const auto along2 = hn::Abs(hn::Sub(hn::Mul(n2, k.k11), hn::Mul(n1, k.k12)));
+  const auto s = hn::Max(along1, along2);
+  const auto t = hn::Min(along1, along2);
+  const auto width =
+      hn::Add(hn::Mul(hn::Set(d, 0.25), s), hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
+  const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
+  const auto displacement = hn::Mul(width, scale);
+  const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
+  const auto counted = hn::Div(hn::Mul(load(samples.length), displacement),
+                               hn::MulAdd(displacement, hn::Set(d, 1.0 / kEdgeLimit), hn::Set(d, 1.0)));
+  return hn::IfThenElseZero(usable, counted);
+}
+
 double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
   const DoubleLanes d;
   auto sum = hn::Zero(d);
   ForBoundaryLanes(samples.size(), [&](const auto& load) {
-    const ScaledJacobians k = JacobiansOf(load, samples, texel_from_ray);
-    const auto n1 = load(samples.n1);
-    const auto n2 = load(samples.n2);
-    // n^T J^-1 = n^T adj(K) w^2 / det(K).
-    const auto along1 = hn::Abs(hn::Sub(hn::Mul(n1, k.k22), hn::Mul(n2, k.k21)));
-    const auto along2 = hn::Abs(hn::Sub(hn::Mul(n2, k.k11), hn::Mul(n1, k.k12)));
-    const auto s = hn::Max(along1, along2);
-    const auto t = hn::Min(along1, along2);
-    const auto width =
-        hn::Add(hn::Mul(hn::Set(d, 0.25), s), hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
-    const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
-    const auto displacement = hn::Mul(width, scale);
-    const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
-    const auto counted = hn::Div(hn::Mul(load(samples.length), displacement),
-                                 hn::MulAdd(displacement, hn::Set(d, 1.0 / kEdgeLimit), hn::Set(d, 1.0)));
-    sum = hn::Add(sum, hn::IfThenElseZero(usable, counted));
+    sum = hn::Add(sum, EdgePixelsOf(load, samples, JacobiansOf(load, samples, texel_from_ray)));
+  });
+  return hn::GetLane(hn::SumOfLanes(d, sum));
+}
+
+double EdgeSumOfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> maps) {
+  const DoubleLanes d;
+  auto sum = hn::Zero(d);
+  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+    auto held = hn::MaskFromVec(hn::Zero(d));
+    for (const ShadowProjection& map : maps) {
+      const Doubles3 p = Times(map.texel_from_ray, load(samples.r));
+      const auto within = [&](Doubles v, int size) {
+        return hn::And(hn::Ge(v, hn::Zero(d)), hn::Le(v, hn::Mul(hn::Set(d, size), p.z)));
+      };
+      const auto holds = hn::And(within(p.x, map.size.width), within(p.y, map.size.height));
+      const auto first = hn::AndNot(held, hn::And(hn::Gt(p.z, hn::Zero(d)), holds));
+      if (hn::AllFalse(d, first)) continue;
+      const Doubles counted = EdgePixelsOf(load, samples, JacobiansOf(load, samples, map.texel_from_ray));
+      sum = hn::Add(sum, hn::IfThenElseZero(first, counted));
+      held = hn::Or(held, first);
+    }
   });
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
@@ -87,6 +114,7 @@ namespace {
 
 HWY_EXPORT(FrobeniusSum);
 HWY_EXPORT(EdgeSum);
+HWY_EXPORT(EdgeSumOfHeld);
 
 /// ||J^-1||_F^2, or a negative number where the Jacobian is singular or the sample is behind the light's axis
 /// plane.
@@ -155,6 +183,10 @@ double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::d
 
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
   return HWY_DYNAMIC_DISPATCH(EdgeSum)(samples, texel_from_ray);
+}
+
+double EdgeMetricOfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> maps) {
+  return HWY_DYNAMIC_DISPATCH(EdgeSumOfHeld)(samples, maps);
 }
 
 }  // namespace shadowfit

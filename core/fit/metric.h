@@ -1,9 +1,11 @@
 #pragma once
 
 #include <glm/glm.hpp>
+#include <span>
 #include <vector>
 
 #include "core/frame/light_samples.h"
+#include "core/math/shadow_projection.h"
 
 namespace shadowfit {
 
@@ -39,6 +41,9 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 /// they. An edge counts y / (1 + y / kEdgeLimit) pixels for each pixel of its length. Summed over the
 /// samples' lengths; samples with h3.r <= 0 or a singular Jacobian are left out.
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
+
+/// The same for several maps: each sample under the first that holds it; nothing for those that none holds.
+double EdgeMetricOfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> maps);
 
 /// Pixels; what an edge approaches as texels grow. Of 1, 2, 4 and 16 this ranks 1,280 lights of five scenes
 /// and views most as their counts against rays do.

@@ -51,18 +51,6 @@ namespace {
 
 HWY_EXPORT(HeldFromTheFirst);
 
-/// The expected misclassified pixels of samples, each under the first map that holds it; none where no map
-/// does.
-double OfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> projections) {
-  double sum = 0.0;
-  for (size_t i = 0; i < samples.size(); ++i) {
-    const auto map = std::find_if(projections.begin(), projections.end(),
-                                  [&](const ShadowProjection& p) { return p.Holds(samples.Ray(i)); });
-    if (map != projections.end()) sum += EdgeMetricOfSample(samples, i, map->texel_from_ray);
-  }
-  return sum;
-}
-
 }  // namespace
 
 double PredictMisclassifiedPixels(const LightSamples& samples,
@@ -86,8 +74,8 @@ bool HoldShadow(const LightSamples& samples, std::span<const ShadowProjection> p
 }
 
 double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProjection> projections) {
-  return UnseenFactor(samples) *
-         (OfHeld(samples.boundary, projections) + OfHeld(samples.rough_boundary, projections));
+  return UnseenFactor(samples) * (EdgeMetricOfHeld(samples.boundary, projections) +
+                                  EdgeMetricOfHeld(samples.rough_boundary, projections));
 }
 
 }  // namespace shadowfit

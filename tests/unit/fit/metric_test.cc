@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "core/fit/frobenius_moments.h"
 #include "core/frame/frame_sampler.h"
@@ -178,6 +180,40 @@ TEST(Metrics, AddUpWhatTheirDefinitionsGiveForEachSample) {
     EXPECT_NEAR(FrobeniusMetric(samples, texel_from_ray), frobenius, 1e-9 * frobenius) << count;
     EXPECT_NEAR(EdgeMetric(samples, texel_from_ray), edge, 1e-9 * edge) << count;
   }
+}
+
+TEST(EdgeMetric, OfSeveralMapsIsThatOfTheFirstThatHoldsEachSample) {
+  std::mt19937 random(74);
+  const auto vector = [&random](double size) {
+    return size * glm::dvec3(Uniform(random, -1, 1), Uniform(random, -1, 1), Uniform(random, -1, 1));
+  };
+  int by_second = 0;
+  int by_none = 0;
+  for (int count = 0; count < 40; ++count) {
+    // Overlapping maps of parts of what the samples span, and the light's other side beyond them.
+    std::vector<ShadowProjection> maps(3);
+    for (ShadowProjection& map : maps) {
+      map.size = {static_cast<int>(Uniform(random, 20, 60)), static_cast<int>(Uniform(random, 20, 60))};
+      map.texel_from_ray = {glm::dvec3(60, 3, 0.1) + vector(5.0), glm::dvec3(-5, 50, -0.2) + vector(5.0),
+                            glm::dvec3(30, 20, 1) + glm::dvec3(20, 20, 0) * vector(1.0)};
+    }
+    BoundarySamples samples;
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) {
+      samples.Add(vector(0.7) + glm::dvec3(0, 0, i % 9 == 0 ? -1 : 1), vector(0.03), vector(0.03), 0.0,
+                  {0.6, 0.8}, Uniform(random, 0.5, 1.5));
+      const auto sample = static_cast<size_t>(i);
+      const auto map = std::find_if(maps.begin(), maps.end(),
+                                    [&](const ShadowProjection& m) { return m.Holds(samples.Ray(sample)); });
+      by_second += map == maps.begin() + 1 ? 1 : 0;
+      by_none += map == maps.end() ? 1 : 0;
+      if (map != maps.end()) sum += EdgeMetricOfSample(samples, sample, map->texel_from_ray);
+    }
+    EXPECT_NEAR(EdgeMetricOfHeld(samples, maps), sum, 1e-9 * sum) << count;
+    EXPECT_EQ(EdgeMetricOfHeld(samples, {}), 0.0);
+  }
+  EXPECT_GT(by_second, 20);
+  EXPECT_GT(by_none, 20);
 }
 
 TEST(EdgeMetric, DisplacementEqualsTheMonteCarloAreaBetweenAnEdgeAndItsSteppedImage) {
