@@ -195,7 +195,10 @@ MaskImages MaskRenderer::Workspace::ImagesOf(const MaskRequest& request, size_t 
   return images;
 }
 
-/// A piece is rendered for one light after the other, while its depths are in the cache.
+/// A piece is rendered for one light after the other, while its depths are in the cache. World positions are
+/// not shared between lights: from a pixel's depth it is one matrix to each light's coordinates
+/// (RayFromPixel), eight multiplications a pixel as rows share the rest; from its position it would be nine,
+/// and three doubles to store and to read.
 absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, size_t begin, size_t end) {
   totals.assign(pieces.size() * request.lights.size(), PieceTotals{});
   const CasterInput input = {segments, casters, &request.scene->uvs(), channels};
