@@ -3,14 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
-#include <numbers>
+#include <limits>
 #include <numeric>
+#include <optional>
 #include <utility>
+#include <vector>
 
+#include "core/fit/dividing_lines.h"
 #include "core/fit/prediction.h"
-#include "core/fit/ray_hull.h"
-#include "core/math/convex_hull.h"
+#include "core/fit/sample_parts.h"
+#include "core/fit/texel_shares.h"
 
 namespace shadowfit {
 namespace {
@@ -21,59 +23,24 @@ struct Part {
   SingleMapFit fit;
 };
 
-void Copy(const BoundarySamples& from, size_t i, BoundarySamples* to) {
-  to->Add(from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]}, from.length[i]);
-}
-
-/// Deals samples out by their rays.
-std::vector<LightSamples> Divide(const LightSamples& samples, size_t parts,
-                                 const std::function<size_t(const glm::dvec3&)>& part_of) {
-  std::vector<LightSamples> divided(parts);
-  for (LightSamples& part : divided) {
-    part.source = samples.source;
-    part.pixels_per_sample = samples.pixels_per_sample;
-    part.narrow_share = samples.narrow_share;
-  }
-  for (size_t i = 0; i < samples.boundary.size(); ++i) {
-    Copy(samples.boundary, i, &divided[part_of(samples.boundary.Ray(i))].boundary);
-  }
-  for (size_t i = 0; i < samples.rough_boundary.size(); ++i) {
-    Copy(samples.rough_boundary, i, &divided[part_of(samples.rough_boundary.Ray(i))].rough_boundary);
-  }
-  for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
-    LightSamples& part = divided[part_of(samples.hull_rays[i])];
-    part.hull_rays.push_back(samples.hull_rays[i]);
-    part.hull_along_ray.push_back(samples.hull_along_ray[i]);
-    part.hull_in_shadow.push_back(samples.hull_in_shadow[i]);
-    part.hull_rays_dx1.push_back(samples.hull_rays_dx1[i]);
-    part.hull_rays_dx2.push_back(samples.hull_rays_dx2[i]);
-  }
-  return divided;
-}
-
-std::vector<LightSamples> DivideByPlane(const LightSamples& samples, const glm::dvec3& covector) {
-  return Divide(samples, 2, [&](const glm::dvec3& r) { return size_t{glm::dot(covector, r) > 0.0}; });
-}
-
-size_t CubeFace(const glm::dvec3& r) {
-  const glm::dvec3 a = glm::abs(r);
-  const int axis = a.x >= a.y && a.x >= a.z ? 0 : a.y >= a.z ? 1 : 2;
-  return 2 * static_cast<size_t>(axis) + (r[axis] < 0.0 ? 1 : 0);
-}
-
-/// The sum over parts of expected misclassified pixels at the best shares of the texels; see the header.
-double Total(const std::vector<double>& costs) {
-  double sum = 0.0;
-  for (const double cost : costs) sum += std::cbrt(cost * cost);
-  return sum * std::sqrt(sum);
-}
-
 std::vector<double> CostsOf(const std::vector<Part>& parts) {
   std::vector<double> costs;
   costs.reserve(parts.size());
   for (const Part& part : parts) costs.push_back(part.fit.cost);
   return costs;
 }
+
+std::vector<const SingleMapFit*> FitsOf(const std::vector<Part>& parts) {
+  std::vector<const SingleMapFit*> fits;
+  fits.reserve(parts.size());
+  for (const Part& part : parts) fits.push_back(&part.fit);
+  return fits;
+}
+
+bool IsUnusable(const Part& part) { return !part.fit.usable; }
+
+/// How often the best line is turned and moved.
+constexpr int kRefinements = 2;
 
 class Partitioner {
  public:
@@ -97,22 +64,22 @@ class Partitioner {
     const bool may = options_.most_maps > 1 && single.usable && has_edges;
     if (!must && !may) return {{single}};
     std::vector<Part> parts = {{*problem_.samples, single}};
-    const auto unusable = [](const Part& part) { return !part.fit.usable; };
     auto most = static_cast<size_t>(options_.most_maps);
     if (must) {
       if (most == 1) most = kMostMaps;
-      while (parts.size() < most && std::any_of(parts.begin(), parts.end(), unusable)) {
-        if (!DivideWorst(&parts)) break;
+      while (parts.size() < most && std::any_of(parts.begin(), parts.end(), IsUnusable)) {
+        if (!DivideUnusable(&parts)) break;
       }
     }
-    while (has_edges && parts.size() < most && std::none_of(parts.begin(), parts.end(), unusable)) {
-      if (!DivideWorst(&parts)) break;
+    while (has_edges && parts.size() < most && std::none_of(parts.begin(), parts.end(), IsUnusable)) {
+      if (!DivideForGain(&parts)) break;
     }
     // Planes one after the other leave long lunes of what surrounds the light: cube faces may do better.
     if (parts.size() > 1 && most == kMostMaps) {
       std::vector<Part> faces = CubeFaces();
-      const bool still_unusable = std::any_of(parts.begin(), parts.end(), unusable);
-      if (still_unusable || Total(CostsOf(faces)) < Total(CostsOf(parts))) parts = std::move(faces);
+      const bool still_unusable = std::any_of(parts.begin(), parts.end(), IsUnusable);
+      if (still_unusable || PredictShared(FitsOf(faces)) < PredictShared(FitsOf(parts)))
+        parts = std::move(faces);
     }
     MapPartition partition = Finish(std::move(parts));
     // Divisions are chosen by quick fits of their parts alone; the maps as they are may not keep the promise.
@@ -144,133 +111,126 @@ class Partitioner {
     return planes;
   }
 
-  /// Covectors of the most promising planes through a part that one map holds, best first. In the plane of
-  /// the part's own map, whose texels its fit has made as even as it can, a part's cost is about its edges'
-  /// cost times the side of the square that holds it: the root of the area of its hull.
-  std::vector<glm::dvec3> NarrowPlanes(const Part& part) const {
-    const glm::dmat3& texel_from_ray = part.fit.projection.texel_from_ray;
-    struct Point {
-      glm::dvec2 texel;
-      double weight;
-    };
-    constexpr size_t kMostPoints = 400;
-    std::vector<Point> points;
-    const auto add = [&](const std::vector<glm::dvec3>& rays, double weight) {
-      const size_t stride = rays.size() / kMostPoints + 1;
-      for (size_t i = 0; i < rays.size(); i += stride) {
-        const glm::dvec3 u = texel_from_ray * rays[i];
-        if (u.z > 0.0) points.push_back({glm::dvec2(u) / u.z, weight * static_cast<double>(stride)});
-      }
-    };
-    add(part.samples.hull_rays, 1.0);
-    if (points.size() < 8) return {};
+  /// The half of a part on either side of a plane, with quick fits.
+  struct Halves {
+    std::array<Part, 2> parts;
+    bool usable = false;  ///< Whether both have a map.
+  };
 
-    struct Choice {
-      double cost;
-      glm::dvec3 covector;
-    };
-    std::vector<Choice> choices;
-    constexpr int kDirections = 12;
-    std::vector<double> along(points.size());
-    std::vector<glm::dvec2> sides[2];
-    for (int k = 0; k < kDirections; ++k) {
-      const double angle = std::numbers::pi * k / kDirections;
-      const glm::dvec2 normal(std::cos(angle), std::sin(angle));
-      for (size_t i = 0; i < points.size(); ++i) along[i] = glm::dot(normal, points[i].texel);
-      // Offsets even over the extent, which finds gaps, and over the points, which serves wide parts, whose
-      // maps hold most of them in a few texels.
-      std::vector<double> sorted = along;
-      std::sort(sorted.begin(), sorted.end());
-      std::vector<double> offsets;
-      for (const double share : {0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875}) {
-        offsets.push_back(glm::mix(sorted.front(), sorted.back(), share));
-      }
-      for (const double share : {0.25, 0.5, 0.75}) {
-        offsets.push_back(sorted[static_cast<size_t>(share * static_cast<double>(sorted.size()))]);
-      }
-      for (const double offset : offsets) {
-        double weight[2] = {0.0, 0.0};
-        for (std::vector<glm::dvec2>& side : sides) side.clear();
-        for (size_t i = 0; i < points.size(); ++i) {
-          const size_t side = along[i] > offset ? 1 : 0;
-          sides[side].push_back(points[i].texel);
-          weight[side] += points[i].weight;
-        }
-        std::vector<double> costs;
-        for (size_t side = 0; side < 2; ++side)
-          costs.push_back(weight[side] * std::sqrt(HullArea(sides[side])));
-        // The line normal . u = offset, as a covector on rays.
-        const glm::dvec3 line(normal, -offset);
-        choices.push_back({Total(costs), line * texel_from_ray});
-      }
+  /// None where one side is empty.
+  std::optional<Halves> TryPlane(const LightSamples& samples, const glm::dvec3& covector) {
+    std::vector<LightSamples> divided = DivideByPlane(samples, covector);
+    if (divided[0].hull_rays.empty() || divided[1].hull_rays.empty()) return std::nullopt;
+    Halves halves;
+    for (size_t side = 0; side < 2; ++side) {
+      Part& part = halves.parts[side];
+      part.samples = std::move(divided[side]);
+      part.fit = Fit(part.samples, problem_.map_size, quick_);
     }
-    std::sort(choices.begin(), choices.end(),
-              [](const Choice& a, const Choice& b) { return a.cost < b.cost; });
-    std::vector<glm::dvec3> planes;
-    constexpr size_t kMostPlanes = 6;
-    for (size_t i = 0; i < std::min(kMostPlanes, choices.size()); ++i) planes.push_back(choices[i].covector);
-    return planes;
+    halves.usable = halves.parts[0].fit.usable && halves.parts[1].fit.usable;
+    return halves;
   }
 
-  static double HullArea(const std::vector<glm::dvec2>& points) {
-    const std::vector<int> hull = ConvexHull2(points);
-    double area = 1.0;  // A texel: what no map can go below.
-    for (size_t i = 2; i < hull.size(); ++i) {
-      const glm::dvec2 a = points[static_cast<size_t>(hull[i - 1])] - points[static_cast<size_t>(hull[0])];
-      const glm::dvec2 b = points[static_cast<size_t>(hull[i])] - points[static_cast<size_t>(hull[0])];
-      area += 0.5 * (a.x * b.y - a.y * b.x);
-    }
-    return area;
-  }
-
-  /// Divides the part that gains most, or that no map holds; false where none gains.
-  bool DivideWorst(std::vector<Part>* parts) {
-    size_t worst = 0;
-    for (size_t i = 1; i < parts->size(); ++i) {
-      const Part& part = (*parts)[i];
-      const Part& so_far = (*parts)[worst];
-      if (part.fit.usable != so_far.fit.usable ? !part.fit.usable : part.fit.cost > so_far.fit.cost)
-        worst = i;
-    }
-    Part& part = (*parts)[worst];
-    const bool must = !part.fit.usable;
-    std::vector<double> costs = CostsOf(*parts);
-    const double before = Total(costs);
-
-    double least = must ? std::numeric_limits<double>::infinity() : before * (1.0 - kLeastGain);
+  /// Divides the costliest part that no map holds, so that as many halves as possible have one; false where
+  /// no plane divides it.
+  bool DivideUnusable(std::vector<Part>* parts) {
+    const auto part = std::max_element(parts->begin(), parts->end(), [](const Part& a, const Part& b) {
+      return std::pair(IsUnusable(a), a.fit.cost) < std::pair(IsUnusable(b), b.fit.cost);
+    });
     int most_usable = -1;
-    std::vector<Part> best;
-    for (const glm::dvec3& plane : must ? WidePlanes() : NarrowPlanes(part)) {
+    double least = std::numeric_limits<double>::infinity();
+    std::optional<Halves> best;
+    for (const glm::dvec3& plane : WidePlanes()) {
       if (Cancelled()) return false;
-      std::vector<LightSamples> halves = DivideByPlane(part.samples, plane);
-      if (halves[0].hull_rays.empty() || halves[1].hull_rays.empty()) continue;
-      std::vector<Part> tried(2);
-      costs[worst] = 0.0;
-      std::vector<double> with = costs;
-      int usable = 0;
-      for (size_t side = 0; side < 2; ++side) {
-        tried[side].samples = std::move(halves[side]);
-        tried[side].fit = Fit(tried[side].samples, problem_.map_size, quick_);
-        with.push_back(tried[side].fit.cost);
-        usable += tried[side].fit.usable ? 1 : 0;
-      }
-      const double total = Total(with);
-      if (must ? usable > most_usable || (usable == most_usable && total < least)
-               : usable == 2 && total < least) {
+      std::optional<Halves> halves = TryPlane(part->samples, plane);
+      if (!halves) continue;
+      const auto& [one, other] = halves->parts;
+      const int usable = (one.fit.usable ? 1 : 0) + (other.fit.usable ? 1 : 0);
+      const double cost = CostAtBestShares(std::array{one.fit.cost, other.fit.cost});
+      if (usable > most_usable || (usable == most_usable && cost < least)) {
         most_usable = usable;
-        least = total;
-        best = std::move(tried);
+        least = cost;
+        best = std::move(halves);
       }
     }
-    if (best.empty()) return false;
-    part = std::move(best[0]);
-    parts->push_back(std::move(best[1]));
+    if (!best) return false;
+    *part = std::move(best->parts[0]);
+    parts->push_back(std::move(best->parts[1]));
     return true;
+  }
+
+  /// Divides the costliest part that gains enough by it; false where none does.
+  bool DivideForGain(std::vector<Part>* parts) {
+    std::stable_sort(parts->begin(), parts->end(),
+                     [](const Part& a, const Part& b) { return a.fit.cost > b.fit.cost; });
+    for (auto part = parts->begin(); part != parts->end(); ++part) {
+      if (DivideForGain(parts, part)) return true;
+    }
+    return false;
+  }
+
+  /// Divides a part where the maps' prediction gains most; false where it gains too little.
+  bool DivideForGain(std::vector<Part>* parts, std::vector<Part>::iterator part) {
+    std::vector<const SingleMapFit*> fits = {&part->fit};
+    for (const Part& other : *parts) {
+      if (&other != &*part) fits.push_back(&other.fit);
+    }
+    double least = (1.0 - kLeastGain) * PredictShared(fits);
+    const DividingLines lines(part->samples, part->fit.projection.texel_from_ray);
+    fits.push_back(nullptr);
+    DividingLine best_line;
+    std::optional<Halves> best;
+    const auto try_line = [&](const DividingLine& line) {
+      if (Cancelled()) return false;
+      std::optional<Halves> halves = TryPlane(part->samples, lines.Covector(line));
+      if (!halves || !halves->usable) return false;
+      fits.front() = &halves->parts[0].fit;
+      fits.back() = &halves->parts[1].fit;
+      const double predicted = PredictShared(fits);
+      if (!(predicted < least)) return false;
+      least = predicted;
+      best_line = line;
+      best = std::move(halves);
+      return true;
+    };
+    for (const DividingLine& line : lines.Promising()) try_line(line);
+    double step = 0.5;
+    for (int round = 0; best && round < kRefinements; ++round) {
+      bool improved = false;
+      for (const DividingLine& line : lines.Near(best_line, step)) improved |= try_line(line);
+      if (!improved) step *= 0.5;
+    }
+    if (!best || Cancelled()) return false;
+    *part = std::move(best->parts[0]);
+    parts->push_back(std::move(best->parts[1]));
+    return true;
+  }
+
+  /// What maps of parts get wrong, each fitted at the texels of the whole light, once they share those.
+  double PredictShared(const std::vector<const SingleMapFit*>& fits) const {
+    std::vector<double> costs;
+    costs.reserve(fits.size());
+    for (const SingleMapFit* fit : fits) costs.push_back(fit->cost);
+    const std::vector<double> shares = SharesOfTexels(costs);
+    std::vector<SingleMapFit> maps;
+    maps.reserve(fits.size());
+    for (size_t i = 0; i < fits.size(); ++i) {
+      const double scale = std::sqrt(shares[i]);
+      SingleMapFit map = *fits[i];
+      map.cost /= scale;
+      glm::dmat3 smaller(1.0);
+      smaller[0][0] = smaller[1][1] = scale;
+      map.projection.texel_from_ray = smaller * map.projection.texel_from_ray;
+      map.projection.size.width = std::max(1, static_cast<int>(scale * map.projection.size.width));
+      map.projection.size.height = std::max(1, static_cast<int>(scale * map.projection.size.height));
+      maps.push_back(map);
+    }
+    return Order(&maps);
   }
 
   std::vector<Part> CubeFaces() {
     std::vector<Part> parts;
-    for (LightSamples& samples : Divide(*problem_.samples, 6, CubeFace)) {
+    for (LightSamples& samples : DivideByCubeFaces(*problem_.samples)) {
       if (samples.hull_rays.empty()) continue;
       Part part;
       part.samples = std::move(samples);
@@ -287,17 +247,14 @@ class Partitioner {
       partition.maps.push_back(parts[0].fit);
       return partition;
     }
-    double sum = 0.0;
-    // A part without an edge still needs a map.
-    const auto share = [](const Part& part) { return std::cbrt(part.fit.cost * part.fit.cost) + 1e-6; };
-    for (const Part& part : parts) sum += share(part);
-    for (const Part& part : parts) {
-      const double texels = problem_.map_size.texels() * share(part) / sum;
+    const std::vector<double> shares = SharesOfTexels(CostsOf(parts));
+    for (size_t i = 0; i < parts.size(); ++i) {
+      const double texels = problem_.map_size.texels() * shares[i];
       const double aspect = static_cast<double>(problem_.map_size.width) / problem_.map_size.height;
       MapSize size;
       size.width = std::max(1, static_cast<int>(std::sqrt(texels * aspect)));
       size.height = std::max(1, static_cast<int>(texels / size.width));
-      partition.maps.push_back(Fit(part.samples, size, options_));
+      partition.maps.push_back(Fit(parts[i].samples, size, options_));
     }
     Order(&partition.maps);
     partition.maps[0].evaluations +=
@@ -316,22 +273,26 @@ class Partitioner {
 
   /// Puts the maps into the order in which they judge best what several hold: the finest first, then
   /// neighbours change places while that helps. A map's far corners may hold other parts' samples, in texels
-  /// much larger than theirs.
-  void Order(std::vector<SingleMapFit>* maps) const {
+  /// much larger than theirs. Returns what the maps are predicted to get wrong in that order.
+  double Order(std::vector<SingleMapFit>* maps) const {
     std::stable_sort(maps->begin(), maps->end(), [](const SingleMapFit& a, const SingleMapFit& b) {
       return a.cost * b.edge_length < b.cost * a.edge_length;
     });
     double least = Predict(*maps);
-    for (size_t round = 1; round < maps->size(); ++round) {
+    bool improved = true;
+    for (size_t round = 1; improved && round < maps->size(); ++round) {
+      improved = false;
       for (size_t i = 0; i + 1 < maps->size(); ++i) {
         std::swap((*maps)[i], (*maps)[i + 1]);
         if (const double predicted = Predict(*maps); predicted < least) {
           least = predicted;
+          improved = true;
         } else {
           std::swap((*maps)[i], (*maps)[i + 1]);
         }
       }
     }
+    return least;
   }
 
   const LightProblem& problem_;
