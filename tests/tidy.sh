@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs clang-tidy, with the checks of .clang-tidy, over all our sources or those given; it must find nothing. Takes
-# about half an hour on four processors. Needs the release build, for what is generated.
+# Runs clang-tidy, with the checks of .clang-tidy, over all our sources or those given; it must find nothing. Needs the
+# release build, for what is generated.
 #
 #   tests/tidy.sh [FILE.cc ...]
 set -eu

@@ -112,10 +112,7 @@ class Partitioner {
   }
 
   /// The half of a part on either side of a plane, with quick fits.
-  struct Halves {
-    std::array<Part, 2> parts;
-    bool usable = false;  ///< Whether both have a map.
-  };
+  using Halves = std::array<Part, 2>;
 
   /// None where one side is empty.
   std::optional<Halves> TryPlane(const LightSamples& samples, const glm::dvec3& covector) {
@@ -123,11 +120,10 @@ class Partitioner {
     if (divided[0].hull_rays.empty() || divided[1].hull_rays.empty()) return std::nullopt;
     Halves halves;
     for (size_t side = 0; side < 2; ++side) {
-      Part& part = halves.parts[side];
+      Part& part = halves[side];
       part.samples = std::move(divided[side]);
       part.fit = Fit(part.samples, problem_.map_size, quick_);
     }
-    halves.usable = halves.parts[0].fit.usable && halves.parts[1].fit.usable;
     return halves;
   }
 
@@ -144,7 +140,7 @@ class Partitioner {
       if (Cancelled()) return false;
       std::optional<Halves> halves = TryPlane(part->samples, plane);
       if (!halves) continue;
-      const auto& [one, other] = halves->parts;
+      const auto& [one, other] = *halves;
       const int usable = (one.fit.usable ? 1 : 0) + (other.fit.usable ? 1 : 0);
       const double cost = CostAtBestShares(std::array{one.fit.cost, other.fit.cost});
       if (usable > most_usable || (usable == most_usable && cost < least)) {
@@ -154,8 +150,8 @@ class Partitioner {
       }
     }
     if (!best) return false;
-    *part = std::move(best->parts[0]);
-    parts->push_back(std::move(best->parts[1]));
+    *part = std::move(best->front());
+    parts->push_back(std::move(best->back()));
     return true;
   }
 
@@ -183,9 +179,9 @@ class Partitioner {
     const auto try_line = [&](const DividingLine& line) {
       if (Cancelled()) return false;
       std::optional<Halves> halves = TryPlane(part->samples, lines.Covector(line));
-      if (!halves || !halves->usable) return false;
-      fits.front() = &halves->parts[0].fit;
-      fits.back() = &halves->parts[1].fit;
+      if (!halves || std::any_of(halves->begin(), halves->end(), IsUnusable)) return false;
+      fits.front() = &halves->front().fit;
+      fits.back() = &halves->back().fit;
       const double predicted = PredictShared(fits);
       if (!(predicted < least)) return false;
       least = predicted;
@@ -201,8 +197,8 @@ class Partitioner {
       if (!improved) step *= 0.5;
     }
     if (!best || Cancelled()) return false;
-    *part = std::move(best->parts[0]);
-    parts->push_back(std::move(best->parts[1]));
+    *part = std::move(best->front());
+    parts->push_back(std::move(best->back()));
     return true;
   }
 
