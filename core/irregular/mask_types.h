@@ -56,10 +56,15 @@ struct Face {
   bool HasSamples() const { return farthest > -std::numeric_limits<float>::infinity(); }
 };
 
-/// Sorted samples, padded by kPadding.
+/// A sample in plane coordinates of its face.
+struct alignas(16) Sample {
+  float u, v, depth;
+  float error;  ///< Bound on the distance to the true surface point, as a share of w (point).
+};
+
+/// Sorted samples, padded by kPadding, as tests read them.
 struct SampleArrays {
-  float *u = nullptr, *v = nullptr, *depth = nullptr;
-  float* error = nullptr;  ///< Bound on the distance to the true surface point, as a share of w (point).
+  float *u = nullptr, *v = nullptr, *depth = nullptr, *error = nullptr;
 };
 
 /// A node of the paper's BSP over the samples of one face.

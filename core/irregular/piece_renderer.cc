@@ -145,7 +145,8 @@ void PieceRenderer::PlanStrip(const PieceTask& task, size_t strip, unsigned samp
     const auto shift = static_cast<unsigned>((strip * 5 + i * 6) % kStrip);
     const unsigned later = present >> shift << shift;
     const size_t pixel = strip * kStrip + static_cast<size_t>(std::countr_zero(later != 0 ? later : present));
-    part->plan.push_back({task.samples.u[pixel], task.samples.v[pixel],
+    const Sample& sample = task.samples[SlotOf(pixel)];
+    part->plan.push_back({sample.u, sample.v,
                           task.face_count > 1 ? static_cast<int>(task.face_of[pixel]) : 0});
   }
 }
@@ -170,7 +171,7 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
   }
   return present_.Reserve(piece.strip_count()) && facing_.Reserve(piece.strip_count()) &&
          bits_.Reserve(piece.strip_count()) && place_.Reserve(pixels_) && order_.Reserve(capacity_) &&
-         projected_.Reserve(5 * (pixels_ + kStagger)) && shadow_.Reserve(words) && touched_.Reserve(words) &&
+         projected_.Reserve(pixels_) && face_of_.Reserve(pixels_) && shadow_.Reserve(words) && touched_.Reserve(words) &&
          touched_twice_.Reserve(words) &&
          (!transmit || absorbance_.Reserve(static_cast<size_t>(channels) * capacity_));
 }
@@ -308,12 +309,12 @@ void PieceRenderer::SortByBsp(const PieceTask& task, const Cancellation* cancell
     const Face& face = faces_[static_cast<size_t>(f)];
     if (!face.HasSamples()) continue;
     const uint32_t count = face.end_sample - face.first_sample;
-    uint32_t* const pixels = order_.data() + face.first_sample;
+    uint32_t* const slots = order_.data() + face.first_sample;
     bsp_uvd_.resize(count);
     bsp_order_.resize(count);
     for (uint32_t i = 0; i < count; ++i) {
-      const uint32_t pixel = pixels[i];
-      bsp_uvd_[i] = {task.samples.u[pixel], task.samples.v[pixel], task.samples.depth[pixel]};
+      const Sample& sample = task.samples[slots[i]];
+      bsp_uvd_[i] = {sample.u, sample.v, sample.depth};
       bsp_order_[i] = i;
     }
     std::vector<BspNode>& nodes = bsp_[static_cast<size_t>(f)];
@@ -322,17 +323,17 @@ void PieceRenderer::SortByBsp(const PieceTask& task, const Cancellation* cancell
       node.first_sample += face.first_sample;
       node.end_sample += face.first_sample;
     }
-    bsp_pixels_.assign(pixels, pixels + count);
+    bsp_slots_.assign(slots, slots + count);
     for (uint32_t i = 0; i < count; ++i) {
-      pixels[i] = bsp_pixels_[bsp_order_[i]];
-      task.place[pixels[i]] = face.first_sample + i;
+      slots[i] = bsp_slots_[bsp_order_[i]];
+      task.place[SlotOf(slots[i])] = face.first_sample + i;
     }
   }
 }
 
 /// False where memory runs out. Incomplete once cancelled.
 bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, const CasterBoxes& boxes,
-                             const CasterInput& casters, const SampleArrays& projected, const Band& band) {
+                             const CasterInput& casters, const Sample* projected, const Band& band) {
   const Face& face = faces_[static_cast<size_t>(band.face)];
   WalkTask task;
   task.frame = &plan.frame;
@@ -487,8 +488,8 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
   task.piece = piece;
   task.present = present_.data();
   task.facing = facing_.data();
-  task.samples = Arrays(&projected_, pixels_);
-  task.face_of = reinterpret_cast<uint32_t*>(task.samples.error + pixels_ + kStagger);
+  task.samples = projected_.data();
+  task.face_of = face_of_.data();
   task.place = place_.data();
   for (size_t f = 0; f < static_cast<size_t>(plan.face_count); ++f) {
     faces_[f].axis = plan.faces[f].axis;
@@ -542,11 +543,11 @@ size_t PieceRenderer::MemoryBytes() const {
   size_t bytes = 0;
   for (const AlignedBuffer<float>& values : scratch_) bytes += values.MemoryBytes();
   for (const Part& part : parts_) bytes += part.plan.capacity() * sizeof(PlanSample);
-  return bytes + projected_.MemoryBytes() + present_.MemoryBytes() + facing_.MemoryBytes() +
+  return bytes + projected_.MemoryBytes() + face_of_.MemoryBytes() + present_.MemoryBytes() + facing_.MemoryBytes() +
          bits_.MemoryBytes() + place_.MemoryBytes() + order_.MemoryBytes() + next_.MemoryBytes() +
          cell_start_.MemoryBytes() + shadow_.MemoryBytes() + touched_.MemoryBytes() +
          touched_twice_.MemoryBytes() + absorbance_.MemoryBytes() + bsp_uvd_.capacity() * sizeof(glm::vec3) +
-         (bsp_order_.capacity() + bsp_pixels_.capacity()) * sizeof(uint32_t);
+         (bsp_order_.capacity() + bsp_slots_.capacity()) * sizeof(uint32_t);
 }
 
 }  // namespace shadowfit::irregular

@@ -100,7 +100,7 @@ class PieceRenderer {
   void Sort(const PieceTask& task, bool share_work, const Cancellation* cancellation);
   void SortByBsp(const PieceTask& task, const Cancellation* cancellation);
   bool WalkBand(const MaskRequest& request, const LightPlan& plan, const CasterBoxes& boxes,
-                const CasterInput& casters, const SampleArrays& projected, const Band& band);
+                const CasterInput& casters, const Sample* projected, const Band& band);
   size_t CountUndecided() const;
   size_t Resolve(const PieceTask& task, const Lines& lines, int channels, const MaskImages& images);
   void ResolveColours(const PieceTask& task, const Lines& lines, int channels, const MaskImages& images);
@@ -119,8 +119,9 @@ class PieceRenderer {
   std::vector<glm::vec2> uv_;
   AlignedBuffer<uint16_t> present_, facing_, bits_;
   AlignedBuffer<uint32_t> place_;
-  AlignedBuffer<float> projected_;  ///< Samples by pixel: SampleArrays, then their faces.
-  AlignedBuffer<uint32_t> order_;   ///< Pixel of each sorted sample.
+  AlignedBuffer<Sample> projected_;  ///< By slot.
+  AlignedBuffer<uint32_t> face_of_;  ///< By pixel.
+  AlignedBuffer<uint32_t> order_;   ///< Slot of each sorted sample.
   std::vector<AlignedBuffer<float>>
       scratch_;  ///< A band's sorted samples, of each thread that shares the work.
   AlignedBuffer<uint32_t> next_, cell_start_;
@@ -130,7 +131,7 @@ class PieceRenderer {
   // For the BSP.
   std::array<std::vector<BspNode>, 6> bsp_;
   std::vector<glm::vec3> bsp_uvd_;
-  std::vector<uint32_t> bsp_order_, bsp_pixels_;
+  std::vector<uint32_t> bsp_order_, bsp_slots_;
 };
 
 }  // namespace shadowfit::irregular

@@ -147,6 +147,31 @@ HWY_INLINE Projected Project(bool directional, const Axes<kSingle>& axes, const 
   return out;
 }
 
+/// What is in each block of four lanes changes places: of four vectors, one with the first lanes of all, and
+/// so on.
+HWY_INLINE void TransposeBlocks(VF rows[4]) {
+  const auto pairs = [](VF v) HWY_ATTR { return hn::BitCast(dd, v); };
+  const auto lower = [&](VF a, VF b) HWY_ATTR {
+    return hn::BitCast(df, hn::InterleaveLower(dd, pairs(a), pairs(b)));
+  };
+  const auto upper = [&](VF a, VF b) HWY_ATTR {
+    return hn::BitCast(df, hn::InterleaveUpper(dd, pairs(a), pairs(b)));
+  };
+  const VF lower01 = hn::InterleaveLower(df, rows[0], rows[1]);
+  const VF lower23 = hn::InterleaveLower(df, rows[2], rows[3]);
+  const VF upper01 = hn::InterleaveUpper(df, rows[0], rows[1]);
+  const VF upper23 = hn::InterleaveUpper(df, rows[2], rows[3]);
+  rows[0] = lower(lower01, lower23);
+  rows[1] = upper(lower01, lower23);
+  rows[2] = lower(upper01, upper23);
+  rows[3] = upper(upper01, upper23);
+}
+
+/// Of kLanes pixels: every fourth of their samples from the k-th on lie side by side. See SlotOf.
+HWY_INLINE float* EveryFourth(Sample* samples, size_t pixel, size_t k) {
+  return &samples[SlotOf(pixel + k)].u;
+}
+
 /// A single face holds directions up to 75 degrees off its axis. Directional lights' samples all fit. Also
 /// false where a coordinate is not finite, or so large that squares and cross products would overflow.
 HWY_INLINE MF Fits(bool directional, const Projected& p) {
@@ -359,10 +384,8 @@ HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, size_t s
         placed |= BitsOf(on) << i;
         left = hn::AndNot(on, left);
       }
-      hn::Store(out[0], df, task.samples.u + pixel);
-      hn::Store(out[1], df, task.samples.v + pixel);
-      hn::Store(out[2], df, task.samples.depth + pixel);
-      hn::Store(out[3], df, task.samples.error + pixel);
+      TransposeBlocks(out);
+      for (size_t k = 0; k < 4; ++k) hn::Store(out[k], df, EveryFourth(task.samples, pixel, k));
       if constexpr (!kSingle) hn::Store(face_of, du, task.face_of + pixel);
       uint32_t here = BitsOf(sample);
       if (const uint32_t lost = BitsOf(left); lost != 0) {
@@ -411,6 +434,7 @@ void ProjectSamplesImpl(const PieceTask& task, const Lines& lines, size_t step, 
 template <typename Function>
 HWY_INLINE void ForEachPresent(uint32_t present, const Function& function) {
   if (present == 0xFFFFu) {
+#pragma GCC unroll 16
     for (size_t i = 0; i < kStrip; ++i) function(i);
   } else {
     for (; present != 0; present &= present - 1) function(static_cast<size_t>(std::countr_zero(present)));
@@ -439,8 +463,12 @@ void BinSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* histogr
     if (present == 0) return;
     uint32_t* const place = task.place + strip * kStrip;
     for (size_t i = 0; i < kStrip; i += kLanes) {
-      const VF u = hn::Load(df, task.samples.u + strip * kStrip + i);
-      const VF v = hn::Load(df, task.samples.v + strip * kStrip + i);
+      VF values[4];
+      for (size_t k = 0; k < 4; ++k) {
+        values[k] = hn::Load(df, EveryFourth(task.samples, strip * kStrip + i, k));
+      }
+      TransposeBlocks(values);
+      const VF u = values[0], v = values[1];
       VI cell;
       if (task.face_count == 1) {
         cell = CellOf(task.faces[0], u, v);
@@ -465,27 +493,38 @@ void PlaceSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* next,
     ForEachPresent(task.present[strip], [&](size_t i) HWY_ATTR {
       const uint32_t at = next[place[i]]++;
       place[i] = at;
-      order[at] = static_cast<uint32_t>(strip * kStrip + i);
+      order[at] = static_cast<uint32_t>(strip * kStrip + SlotOf(i));
     });
   });
 }
 
-void GatherSamplesImpl(const SampleArrays& from, const uint32_t* order, size_t count, size_t end,
+/// Samples order[0], order[4], order[8] and so on, one after the other.
+template <class D>
+HWY_INLINE hn::Vec<D> EveryFourthOf(D d, const Sample* from, const uint32_t* order) {
+  if constexpr (hn::MaxLanes(D()) == 4) {
+    return hn::Load(d, &from[*order].u);
+  } else {
+    const hn::Half<D> half;
+    return hn::Combine(d, EveryFourthOf(half, from, order + hn::MaxLanes(half)), EveryFourthOf(half, from, order));
+  }
+}
+
+void GatherSamplesImpl(const Sample* from, const uint32_t* order, size_t count, size_t end,
                        const SampleArrays& to) {
   size_t i = 0;
   for (; i + kLanes <= count; i += kLanes) {
-    const VI pixels = hn::BitCast(di, hn::LoadU(du, order + i));
-    hn::Store(hn::GatherIndex(df, from.u, pixels), df, to.u + i);
-    hn::Store(hn::GatherIndex(df, from.v, pixels), df, to.v + i);
-    hn::Store(hn::GatherIndex(df, from.depth, pixels), df, to.depth + i);
-    hn::Store(hn::GatherIndex(df, from.error, pixels), df, to.error + i);
+    VF rows[4];
+    for (size_t k = 0; k < 4; ++k) rows[k] = EveryFourthOf(df, from, order + i + k);
+    TransposeBlocks(rows);
+    float* const arrays[4] = {to.u, to.v, to.depth, to.error};
+    for (size_t k = 0; k < 4; ++k) hn::Store(rows[k], df, arrays[k] + i);
   }
   for (; i < count; ++i) {
-    const uint32_t pixel = order[i];
-    to.u[i] = from.u[pixel];
-    to.v[i] = from.v[pixel];
-    to.depth[i] = from.depth[pixel];
-    to.error[i] = from.error[pixel];
+    const Sample& sample = from[order[i]];
+    to.u[i] = sample.u;
+    to.v[i] = sample.v;
+    to.depth[i] = sample.depth;
+    to.error[i] = sample.error;
   }
   for (; i < end; ++i) {
     to.u[i] = to.v[i] = to.depth[i] = std::numeric_limits<float>::quiet_NaN();
@@ -562,7 +601,7 @@ void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, uin
   HWY_DYNAMIC_DISPATCH(PlaceSamplesImpl)(task, lines, next, order);
 }
 
-void GatherSamples(const SampleArrays& from, const uint32_t* order, size_t count, size_t end,
+void GatherSamples(const Sample* from, const uint32_t* order, size_t count, size_t end,
                    const SampleArrays& to) {
   HWY_DYNAMIC_DISPATCH(GatherSamplesImpl)(from, order, count, end, to);
 }

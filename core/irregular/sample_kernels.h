@@ -71,10 +71,17 @@ struct PieceTask {
   uint16_t* present = nullptr;  ///< Bit per pixel: its sample is to be tested.
   uint16_t* facing = nullptr;   ///< Bit per pixel: its sample is in shadow untested.
   // Per pixel:
-  SampleArrays samples;         ///< Of present pixels only.
+  Sample* samples = nullptr;    ///< Of present pixels only, by SlotOf: sorting reads a whole one at a time.
   uint32_t* face_of = nullptr;  ///< Of present pixels, where there are six faces.
   uint32_t* place = nullptr;    ///< Of present pixels: the cell, then the place in it.
 };
+
+/// Where a pixel's sample lies: those of a strip as a square of 4x4 pixels that is transposed, which is what
+/// vectors make of four values of each at the least cost. Its own inverse.
+constexpr size_t SlotOf(size_t pixel) {
+  static_assert(kStrip == 16);
+  return (pixel & ~size_t{15}) | (pixel & 3) << 2 | (pixel >> 2 & 3);
+}
 
 /// Lines [begin, end) of a piece.
 struct Lines {
@@ -90,13 +97,13 @@ void ProjectSamples(const PieceTask& task, const Lines& lines, size_t step, Samp
 /// Finds the cell of each sample, and counts samples in `histogram` (of cells).
 void BinSamples(const PieceTask& task, const Lines& lines, uint32_t* histogram);
 
-/// Gives each sample its place: order[place] is its pixel. next[cell] is where the next sample of a cell
+/// Gives each sample its place: order[place] is its slot. next[cell] is where the next sample of a cell
 /// goes.
 void PlaceSamples(const PieceTask& task, const Lines& lines, uint32_t* next, uint32_t* order);
 
-/// The samples of `count` pixels of a piece, one after the other; what follows them up to `end` lies inside
+/// The samples of `count` slots of a piece, one after the other; what follows them up to `end` lies inside
 /// of nothing.
-void GatherSamples(const SampleArrays& from, const uint32_t* order, size_t count, size_t end,
+void GatherSamples(const Sample* from, const uint32_t* order, size_t count, size_t end,
                    const SampleArrays& to);
 
 /// The answers of strips, of which a bit per sorted sample is set in `shadow`. Returns how many bits are set.
