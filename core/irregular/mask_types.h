@@ -16,8 +16,6 @@ inline constexpr int kBlock = 16;
 inline constexpr int kBlockFloats = 9 * kBlock;
 /// Arrays that are read by vectors of any width are padded by so many elements.
 inline constexpr int kPadding = 16;
-/// The v axis of a face is cut into this many equal bins, which the layout gathers into rows.
-inline constexpr int kRowBins = 4096;
 
 /// Half an ulp of 1 in single precision.
 inline constexpr float kUnitRoundoff = 0x1p-24f;
@@ -30,6 +28,13 @@ struct LightFrame {
   double rotation[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};  ///< Rows.
   bool has_cone = false;                                      ///< A spot's cone around +r.z.
   double cos_outer = -1.0;
+};
+
+/// One row of cells, of which the first `columns` are as wide as 1 / u_scale. Four values: vectors read one of
+/// these at a time.
+struct alignas(16) Row {
+  int32_t number, first_cell;  ///< Of the face.
+  float u_origin, u_scale;
 };
 
 /// A side of the cube around a point light, or the one plane that holds all samples. Its coordinates
@@ -45,12 +50,11 @@ struct Face {
   float v_origin = 0.0f, v_scale = 0.0f;
   int rows = 0, columns = 0;
   uint32_t first_cell = 0;
-  uint32_t first_row = 0;                            ///< Among the rows of all faces.
-  std::vector<int32_t> row_of_bin;                   ///< Of each of kRowBins
-  std::vector<float> row_v_low, row_v_high;          ///< Padded for rounding; rows + kPadding values.
-  std::vector<float> row_u_origin, row_u_scale;      ///< rows + kPadding values.
+  std::vector<Row> row_of_bin;  ///< The v axis is cut into equal bins, which the layout gathers into rows.
+  std::vector<int32_t> first_bin_of_row;     ///< rows + 1 values.
+  std::vector<float> row_v_low, row_v_high;  ///< Padded for rounding; rows + kPadding values.
   float u_min = 0, u_max = 0, v_min = 0, v_max = 0;  ///< Of all samples.
-  float farthest = 0;                                ///< Largest depth of all samples.
+  float farthest = 0;  ///< Largest depth of all samples.
   uint32_t first_sample = 0, end_sample = 0;
 
   bool HasSamples() const { return farthest > -std::numeric_limits<float>::infinity(); }

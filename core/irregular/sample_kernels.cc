@@ -147,28 +147,8 @@ HWY_INLINE Projected Project(bool directional, const Axes<kSingle>& axes, const 
   return out;
 }
 
-/// What is in each block of four lanes changes places: of four vectors, one with the first lanes of all, and
-/// so on.
-HWY_INLINE void TransposeBlocks(VF rows[4]) {
-  const auto pairs = [](VF v) HWY_ATTR { return hn::BitCast(dd, v); };
-  const auto lower = [&](VF a, VF b) HWY_ATTR {
-    return hn::BitCast(df, hn::InterleaveLower(dd, pairs(a), pairs(b)));
-  };
-  const auto upper = [&](VF a, VF b) HWY_ATTR {
-    return hn::BitCast(df, hn::InterleaveUpper(dd, pairs(a), pairs(b)));
-  };
-  const VF lower01 = hn::InterleaveLower(df, rows[0], rows[1]);
-  const VF lower23 = hn::InterleaveLower(df, rows[2], rows[3]);
-  const VF upper01 = hn::InterleaveUpper(df, rows[0], rows[1]);
-  const VF upper23 = hn::InterleaveUpper(df, rows[2], rows[3]);
-  rows[0] = lower(lower01, lower23);
-  rows[1] = upper(lower01, lower23);
-  rows[2] = lower(upper01, upper23);
-  rows[3] = upper(upper01, upper23);
-}
-
 /// Of kLanes pixels: every fourth of their samples from the k-th on lie side by side. See SlotOf.
-HWY_INLINE float* EveryFourth(Sample* samples, size_t pixel, size_t k) {
+HWY_INLINE float* SlotsOf(Sample* samples, size_t pixel, size_t k) {
   return &samples[SlotOf(pixel + k)].u;
 }
 
@@ -233,7 +213,7 @@ HWY_INLINE MF FacingAway(const LightFrame& frame, const glm::vec3* normals, cons
   return hn::Gt(along, hn::Zero(df));
 }
 
-HWY_INLINE VI CellOf(const Face& face, VF u, VF v) { return RowCells(face, RowOf(face, v)).At(u); }
+HWY_INLINE VI CellOf(const Face& face, VF u, VF v) { return RowLanes(face, BinOf(face, v)).CellAt(u); }
 
 /// A strip's pixels that may have samples.
 struct Pixels {
@@ -385,7 +365,7 @@ HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, size_t s
         left = hn::AndNot(on, left);
       }
       TransposeBlocks(out);
-      for (size_t k = 0; k < 4; ++k) hn::Store(out[k], df, EveryFourth(task.samples, pixel, k));
+      for (size_t k = 0; k < 4; ++k) hn::Store(out[k], df, SlotsOf(task.samples, pixel, k));
       if constexpr (!kSingle) hn::Store(face_of, du, task.face_of + pixel);
       uint32_t here = BitsOf(sample);
       if (const uint32_t lost = BitsOf(left); lost != 0) {
@@ -465,7 +445,7 @@ void BinSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* histogr
     for (size_t i = 0; i < kStrip; i += kLanes) {
       VF values[4];
       for (size_t k = 0; k < 4; ++k) {
-        values[k] = hn::Load(df, EveryFourth(task.samples, strip * kStrip + i, k));
+        values[k] = hn::Load(df, SlotsOf(task.samples, strip * kStrip + i, k));
       }
       TransposeBlocks(values);
       const VF u = values[0], v = values[1];
@@ -498,23 +478,12 @@ void PlaceSamplesImpl(const PieceTask& task, const Lines& lines, uint32_t* next,
   });
 }
 
-/// Samples order[0], order[4], order[8] and so on, one after the other.
-template <class D>
-HWY_INLINE hn::Vec<D> EveryFourthOf(D d, const Sample* from, const uint32_t* order) {
-  if constexpr (hn::MaxLanes(D()) == 4) {
-    return hn::Load(d, &from[*order].u);
-  } else {
-    const hn::Half<D> half;
-    return hn::Combine(d, EveryFourthOf(half, from, order + hn::MaxLanes(half)), EveryFourthOf(half, from, order));
-  }
-}
-
 void GatherSamplesImpl(const Sample* from, const uint32_t* order, size_t count, size_t end,
                        const SampleArrays& to) {
   size_t i = 0;
   for (; i + kLanes <= count; i += kLanes) {
     VF rows[4];
-    for (size_t k = 0; k < 4; ++k) rows[k] = EveryFourthOf(df, from, order + i + k);
+    for (size_t k = 0; k < 4; ++k) rows[k] = EveryFourth(df, &from->u, order + i + k);
     TransposeBlocks(rows);
     float* const arrays[4] = {to.u, to.v, to.depth, to.error};
     for (size_t k = 0; k < 4; ++k) hn::Store(rows[k], df, arrays[k] + i);

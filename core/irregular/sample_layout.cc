@@ -10,7 +10,10 @@ namespace {
 constexpr double kRowHeight = 6.0;
 /// ... and a cell holds so many: a run of cells then overshoots a small triangle by little.
 constexpr double kSamplesOfCell = 4.0;
-constexpr double kMostRows = kRowBins / 4.0;
+constexpr double kMostRows = 1 << 10;
+/// Their borders are those of bins, of which there are so many to an average row.
+constexpr double kBinsOfRow = 32.0;
+constexpr double kMostBins = 4096.0;
 constexpr double kMostColumns = 1 << 14;
 
 constexpr uint32_t kBspLeaf = 64;
@@ -101,68 +104,75 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
 
   // 1. Bins of v, then rows of bins of about equal population.
   // A face of which no sample is known may get some all the same: they lie in the one row that there is.
+  const int bins = static_cast<int>(std::min(std::ceil(wanted_rows * kBinsOfRow), kMostBins));
   face->v_origin = uv.empty() ? 0.0f : face->v_min;
   const float height = uv.empty() ? 0.0f : face->v_max - face->v_min;
-  face->v_scale = height > 0.0f ? std::min(static_cast<float>(kRowBins) / height, 1e30f) : 0.0f;
-  face->row_of_bin.assign(kRowBins, 0);
-  const auto bin_of = [face](float v) {
-    return static_cast<size_t>(std::clamp((v - face->v_origin) * face->v_scale, 0.0f, float{kRowBins - 1}));
+  face->v_scale = height > 0.0f ? std::min(static_cast<float>(bins) / height, 1e30f) : 0.0f;
+  face->row_of_bin.assign(static_cast<size_t>(bins), Row{});
+  const auto bin_of = [face, bins](float v) {
+    const float bin = (v - face->v_origin) * face->v_scale;
+    return static_cast<size_t>(std::clamp(bin, 0.0f, static_cast<float>(bins - 1)));
   };
-  for (const glm::vec2& p : uv) ++face->row_of_bin[bin_of(p.y)];
+  for (const glm::vec2& p : uv) ++face->row_of_bin[bin_of(p.y)].number;
   const double quota = std::max(static_cast<double>(uv.size()) / wanted_rows, 1.0);
   double taken = 0.0;
   int row = 0;
+  face->first_bin_of_row.assign(1, 0);
   face->row_v_low.clear();
   face->row_v_high.clear();
   const auto border = [face](int bin) {
     // Bins of samples come from rounded arithmetic: a hundredth of a bin and a few units in the last place.
-    const double bins = face->v_scale > 0.0f ? 1.0 / static_cast<double>(face->v_scale) : 0.0;
-    const double v = static_cast<double>(face->v_origin) + bin * bins;
-    const double slack = 0.01 * bins + 4.0 * static_cast<double>(kUnitRoundoff) * std::abs(v);
+    const double bin_height = face->v_scale > 0.0f ? 1.0 / static_cast<double>(face->v_scale) : 0.0;
+    const double v = static_cast<double>(face->v_origin) + bin * bin_height;
+    const double slack = 0.01 * bin_height + 4.0 * static_cast<double>(kUnitRoundoff) * std::abs(v);
     return std::pair(static_cast<float>(v - slack), static_cast<float>(v + slack));
   };
   face->row_v_low.push_back(-std::numeric_limits<float>::infinity());
-  for (int bin = 0; bin < kRowBins; ++bin) {
-    const auto index = static_cast<size_t>(bin);
-    const double population = face->row_of_bin[index];
+  for (int bin = 0; bin < bins; ++bin) {
+    Row& row_of_bin = face->row_of_bin[static_cast<size_t>(bin)];
+    const double population = row_of_bin.number;
     if (taken > 0.0 && taken + 0.5 * population > quota && face->v_scale > 0.0f) {
       ++row;
       taken = 0.0;
+      face->first_bin_of_row.push_back(bin);
       face->row_v_high.push_back(border(bin).second);
       face->row_v_low.push_back(border(bin).first);
     }
     taken += population;
-    face->row_of_bin[index] = row;
+    row_of_bin.number = row;
   }
+  face->first_bin_of_row.push_back(bins);
   face->row_v_high.push_back(std::numeric_limits<float>::infinity());
   face->rows = row + 1;
-
-  // 2. Each row's range of u, a little wider than its typical samples.
   const auto padded_rows = static_cast<size_t>(face->rows) + kPadding;
-  std::vector<float>& low = face->row_u_origin;
-  std::vector<float>& high = face->row_u_scale;
-  low.assign(padded_rows, std::numeric_limits<float>::infinity());
-  high.assign(padded_rows, -std::numeric_limits<float>::infinity());
-  float u_min = low[0], u_max = high[0];
-  for (const glm::vec2& p : uv) {
-    const auto r = static_cast<size_t>(face->row_of_bin[bin_of(p.y)]);
-    low[r] = std::min(low[r], p.x);
-    high[r] = std::max(high[r], p.x);
-    u_min = std::min(u_min, p.x);
-    u_max = std::max(u_max, p.x);
-  }
-  const float least_width = std::max((u_max - u_min) / 64.0f, 1e-30f);
-  for (size_t r = 0; r < padded_rows; ++r) {
-    if (!(low[r] <= high[r])) {
-      low[r] = u_min <= u_max ? u_min : 0.0f;
-      high[r] = u_min <= u_max ? u_max : 0.0f;
-    }
-    const float width = std::max(high[r] - low[r], least_width);
-    low[r] -= width / 32.0f;
-    high[r] = static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f));
-  }
   face->row_v_low.resize(padded_rows, std::numeric_limits<float>::infinity());
   face->row_v_high.resize(padded_rows, std::numeric_limits<float>::infinity());
+
+  // 2. Each row's range of u, a little wider than its typical samples.
+  struct Range {
+    float low = std::numeric_limits<float>::infinity(), high = -std::numeric_limits<float>::infinity();
+
+    void Add(float u) {
+      low = std::min(low, u);
+      high = std::max(high, u);
+    }
+  };
+  std::vector<Range> ranges(static_cast<size_t>(face->rows));
+  Range all;
+  for (const glm::vec2& p : uv) {
+    ranges[static_cast<size_t>(face->row_of_bin[bin_of(p.y)].number)].Add(p.x);
+    all.Add(p.x);
+  }
+  if (uv.empty()) all = {0.0f, 0.0f};
+  const float least_width = std::max((all.high - all.low) / 64.0f, 1e-30f);
+  for (Row& r : face->row_of_bin) {
+    const Range& own = ranges[static_cast<size_t>(r.number)];
+    const Range& range = own.low <= own.high ? own : all;
+    const float width = std::max(range.high - range.low, least_width);
+    r.first_cell = r.number * face->columns;
+    r.u_origin = range.low - width / 32.0f;
+    r.u_scale = static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f));
+  }
 }
 
 void BuildBsp(std::span<const glm::vec3> uvw, std::span<uint32_t> order, const Cancellation* cancellation,

@@ -69,34 +69,76 @@ HWY_INLINE int ScalarClampedInt(float value, int limit) {
   return static_cast<int>(std::min(std::max(value, 0.0f), static_cast<float>(limit)));
 }
 
+/// What is in each block of four lanes changes places: of four vectors, one with the first lanes of all, and
+/// so on.
+HWY_INLINE void TransposeBlocks(VF rows[4]) {
+  const auto pairs = [](VF v) HWY_ATTR { return hn::BitCast(dd, v); };
+  const auto lower = [&](VF a, VF b) HWY_ATTR {
+    return hn::BitCast(df, hn::InterleaveLower(dd, pairs(a), pairs(b)));
+  };
+  const auto upper = [&](VF a, VF b) HWY_ATTR {
+    return hn::BitCast(df, hn::InterleaveUpper(dd, pairs(a), pairs(b)));
+  };
+  const VF lower01 = hn::InterleaveLower(df, rows[0], rows[1]);
+  const VF lower23 = hn::InterleaveLower(df, rows[2], rows[3]);
+  const VF upper01 = hn::InterleaveUpper(df, rows[0], rows[1]);
+  const VF upper23 = hn::InterleaveUpper(df, rows[2], rows[3]);
+  rows[0] = lower(lower01, lower23);
+  rows[1] = upper(lower01, lower23);
+  rows[2] = lower(upper01, upper23);
+  rows[3] = upper(upper01, upper23);
+}
+
+/// Of an array of four values an element: elements index[0], index[4], index[8] and so on, one after the other.
+template <class D>
+HWY_INLINE hn::Vec<D> EveryFourth(D d, const float* fours, const uint32_t* index) {
+  if constexpr (hn::MaxLanes(D()) == 4) {
+    return hn::Load(d, fours + size_t{4} * *index);
+  } else {
+    const hn::Half<D> half;
+    return hn::Combine(d, EveryFourth(half, fours, index + hn::MaxLanes(half)),
+                       EveryFourth(half, fours, index));
+  }
+}
+
 // Samples and triangles find their cells by the same arithmetic, which is monotonic in u and in v: rounding
 // cannot part them.
 
-HWY_INLINE VI RowOf(const Face& face, VF v) {
+HWY_INLINE VI BinOf(const Face& face, VF v) {
   const VF bin = hn::Mul(hn::Sub(v, hn::Set(df, face.v_origin)), hn::Set(df, face.v_scale));
-  return hn::GatherIndex(di, face.row_of_bin.data(), ClampedInt(bin, kRowBins - 1));
+  return ClampedInt(bin, static_cast<int>(face.row_of_bin.size()) - 1);
 }
 
 HWY_INLINE int ScalarRow(const Face& face, float v) {
   const float bin = (v - face.v_origin) * face.v_scale;
-  return face.row_of_bin[static_cast<size_t>(ScalarClampedInt(bin, kRowBins - 1))];
+  const int last = static_cast<int>(face.row_of_bin.size()) - 1;
+  return face.row_of_bin[static_cast<size_t>(ScalarClampedInt(bin, last))].number;
 }
 
-/// A row's cells: first_cell + row * columns + column of plane coordinate u.
-struct RowCells {
-  VI first;
-  VF origin, scale;
+/// Rows of some bins.
+struct RowLanes {
+  VI number, first_cell;
+  VF u_origin, u_scale;
   int last_column;
 
-  HWY_INLINE RowCells(const Face& face, VI row)
-      : first(hn::Add(hn::Mul(row, hn::Set(di, face.columns)),
-                      hn::Set(di, static_cast<int32_t>(face.first_cell)))),
-        origin(hn::GatherIndex(df, face.row_u_origin.data(), row)),
-        scale(hn::GatherIndex(df, face.row_u_scale.data(), row)),
-        last_column(face.columns - 1) {}
+  HWY_INLINE RowLanes(const Face& face, VI bins) : last_column(face.columns - 1) {
+    // A gather would cost as much as a load a lane, for each of the four values.
+    static_assert(sizeof(Row) == 4 * sizeof(float));
+    HWY_ALIGN uint32_t index[kLanes];
+    hn::Store(hn::BitCast(du, bins), du, index);
+    VF rows[4];
+    for (size_t k = 0; k < 4; ++k) {
+      rows[k] = EveryFourth(df, reinterpret_cast<const float*>(face.row_of_bin.data()), index + k);
+    }
+    TransposeBlocks(rows);
+    number = hn::BitCast(di, rows[0]);
+    first_cell = hn::Add(hn::BitCast(di, rows[1]), hn::Set(di, static_cast<int32_t>(face.first_cell)));
+    u_origin = rows[2];
+    u_scale = rows[3];
+  }
 
-  HWY_INLINE VI At(VF u) const {
-    return hn::Add(first, ClampedInt(hn::Mul(hn::Sub(u, origin), scale), last_column));
+  HWY_INLINE VI CellAt(VF u) const {
+    return hn::Add(first_cell, ClampedInt(hn::Mul(hn::Sub(u, u_origin), u_scale), last_column));
   }
 };
 

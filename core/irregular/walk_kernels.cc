@@ -575,10 +575,11 @@ HWY_NOINLINE void TestRows(const WalkTask& task, int triangle, const Outline& o,
       }
     }
     const VI rows = hn::Iota(di, row);
-    const RowCells cells(face, hn::Min(rows, hn::Set(di, face.rows - 1)));
+    const VI listed = hn::Min(rows, hn::Set(di, face.rows - 1));
+    const RowLanes cells(face, hn::GatherIndex(di, face.first_bin_of_row.data(), listed));
     const MF lanes = hn::And(hn::Le(low, high), hn::RebindMask(df, hn::Lt(rows, hn::Set(di, row_end))));
-    queue->Add(hn::Set(du, static_cast<uint32_t>(triangle)), cells.At(hn::Sub(low, pad)),
-               cells.At(hn::Add(high, pad)), lanes);
+    queue->Add(hn::Set(du, static_cast<uint32_t>(triangle)), cells.CellAt(hn::Sub(low, pad)),
+               cells.CellAt(hn::Add(high, pad)), lanes);
   }
 }
 
@@ -774,22 +775,19 @@ void WalkLanes(const WalkTask& state, const CasterBlocks& blocks, size_t block, 
   RunQueue queue(state, triangles);
   uint32_t large_bits = quick_bits;
   if (state.search == Search::kGrid && quick_bits != 0) {
-    const VI row_low = hn::Max(RowOf(face, hn::Sub(p.v_low, pad)), hn::Set(di, state.row_begin));
-    const VI row_high = hn::Min(RowOf(face, hn::Add(p.v_high, pad)), hn::Set(di, state.row_end - 1));
-    const MF one = hn::Not(hn::RebindMask(df, hn::Lt(row_high, row_low)));
-    const MF two = hn::RebindMask(df, hn::Gt(row_high, row_low));
-    const MF small =
-        hn::And(LanesOf(quick_bits), hn::RebindMask(df, hn::Lt(hn::Sub(row_high, row_low), hn::Set(di, 2))));
+    const VI bin_begin = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_begin)]);
+    const VI bin_last = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_end)] - 1);
+    const RowLanes low(face, hn::Max(BinOf(face, hn::Sub(p.v_low, pad)), bin_begin));
+    const RowLanes high(face, hn::Min(BinOf(face, hn::Add(p.v_high, pad)), bin_last));
+    const VI further = hn::Sub(high.number, low.number);
+    const MF small = hn::And(LanesOf(quick_bits), hn::RebindMask(df, hn::Lt(further, hn::Set(di, 2))));
     large_bits &= ~BitsOf(small);
     const VU numbers = hn::Iota(du, static_cast<uint32_t>(offset));
     const VF from = hn::Sub(p.u_low, pad), to = hn::Add(p.u_high, pad);
-    const RowCells low(face, row_low);
-    queue.Add(numbers, low.At(from), low.At(to), hn::And(small, one));
-    const MF both = hn::And(small, two);
-    if (!hn::AllFalse(df, both)) {
-      const RowCells high(face, row_high);
-      queue.Add(numbers, high.At(from), high.At(to), both);
-    }
+    queue.Add(numbers, low.CellAt(from), low.CellAt(to),
+              hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Set(di, -1)))));
+    const MF both = hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Zero(di))));
+    if (!hn::AllFalse(df, both)) queue.Add(numbers, high.CellAt(from), high.CellAt(to), both);
     if (queue.empty() && (large_bits | clipped_bits) == 0) return;
   }
 
