@@ -30,8 +30,7 @@ struct LightFrame {
   double cos_outer = -1.0;
 };
 
-/// One row of cells, of which the first `columns` are as wide as 1 / u_scale. Four values: vectors read one of
-/// these at a time.
+/// A row of cells. Vectors read its four values at a time.
 struct alignas(16) Row {
   int32_t number, first_cell;  ///< Of the face.
   float u_origin, u_scale;
@@ -51,10 +50,10 @@ struct Face {
   int rows = 0, columns = 0;
   uint32_t first_cell = 0;
   std::vector<Row> row_of_bin;  ///< The v axis is cut into equal bins, which the layout gathers into rows.
-  std::vector<int32_t> first_bin_of_row;     ///< rows + 1 values.
-  std::vector<float> row_v_low, row_v_high;  ///< Padded for rounding; rows + kPadding values.
+  std::vector<int32_t> first_bin_of_row;             ///< rows + 1 values.
+  std::vector<float> row_v_low, row_v_high;          ///< Padded for rounding; rows + kPadding values.
   float u_min = 0, u_max = 0, v_min = 0, v_max = 0;  ///< Of all samples.
-  float farthest = 0;  ///< Largest depth of all samples.
+  float farthest = 0;                                ///< Largest depth of all samples.
   uint32_t first_sample = 0, end_sample = 0;
 
   bool HasSamples() const { return farthest > -std::numeric_limits<float>::infinity(); }

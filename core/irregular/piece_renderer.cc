@@ -146,8 +146,8 @@ void PieceRenderer::PlanStrip(const PieceTask& task, size_t strip, unsigned samp
     const unsigned later = present >> shift << shift;
     const size_t pixel = strip * kStrip + static_cast<size_t>(std::countr_zero(later != 0 ? later : present));
     const Sample& sample = task.samples[SlotOf(pixel)];
-    part->plan.push_back({sample.u, sample.v,
-                          task.face_count > 1 ? static_cast<int>(task.face_of[pixel]) : 0});
+    part->plan.push_back(
+        {sample.u, sample.v, task.face_count > 1 ? static_cast<int>(task.face_of[pixel]) : 0});
   }
 }
 
@@ -171,8 +171,8 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
   }
   return present_.Reserve(piece.strip_count()) && facing_.Reserve(piece.strip_count()) &&
          bits_.Reserve(piece.strip_count()) && place_.Reserve(pixels_) && order_.Reserve(capacity_) &&
-         projected_.Reserve(pixels_) && face_of_.Reserve(pixels_) && shadow_.Reserve(words) && touched_.Reserve(words) &&
-         touched_twice_.Reserve(words) &&
+         projected_.Reserve(pixels_) && face_of_.Reserve(pixels_) && shadow_.Reserve(words) &&
+         touched_.Reserve(words) && touched_twice_.Reserve(words) &&
          (!transmit || absorbance_.Reserve(static_cast<size_t>(channels) * capacity_));
 }
 
@@ -543,9 +543,9 @@ size_t PieceRenderer::MemoryBytes() const {
   size_t bytes = 0;
   for (const AlignedBuffer<float>& values : scratch_) bytes += values.MemoryBytes();
   for (const Part& part : parts_) bytes += part.plan.capacity() * sizeof(PlanSample);
-  return bytes + projected_.MemoryBytes() + face_of_.MemoryBytes() + present_.MemoryBytes() + facing_.MemoryBytes() +
-         bits_.MemoryBytes() + place_.MemoryBytes() + order_.MemoryBytes() + next_.MemoryBytes() +
-         cell_start_.MemoryBytes() + shadow_.MemoryBytes() + touched_.MemoryBytes() +
+  return bytes + projected_.MemoryBytes() + face_of_.MemoryBytes() + present_.MemoryBytes() +
+         facing_.MemoryBytes() + bits_.MemoryBytes() + place_.MemoryBytes() + order_.MemoryBytes() +
+         next_.MemoryBytes() + cell_start_.MemoryBytes() + shadow_.MemoryBytes() + touched_.MemoryBytes() +
          touched_twice_.MemoryBytes() + absorbance_.MemoryBytes() + bsp_uvd_.capacity() * sizeof(glm::vec3) +
          (bsp_order_.capacity() + bsp_slots_.capacity()) * sizeof(uint32_t);
 }

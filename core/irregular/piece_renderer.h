@@ -121,7 +121,7 @@ class PieceRenderer {
   AlignedBuffer<uint32_t> place_;
   AlignedBuffer<Sample> projected_;  ///< By slot.
   AlignedBuffer<uint32_t> face_of_;  ///< By pixel.
-  AlignedBuffer<uint32_t> order_;   ///< Slot of each sorted sample.
+  AlignedBuffer<uint32_t> order_;    ///< Slot of each sorted sample.
   std::vector<AlignedBuffer<float>>
       scratch_;  ///< A band's sorted samples, of each thread that shares the work.
   AlignedBuffer<uint32_t> next_, cell_start_;

@@ -148,9 +148,7 @@ HWY_INLINE Projected Project(bool directional, const Axes<kSingle>& axes, const 
 }
 
 /// Of kLanes pixels: every fourth of their samples from the k-th on lie side by side. See SlotOf.
-HWY_INLINE float* SlotsOf(Sample* samples, size_t pixel, size_t k) {
-  return &samples[SlotOf(pixel + k)].u;
-}
+HWY_INLINE float* SlotsOf(Sample* samples, size_t pixel, size_t k) { return &samples[SlotOf(pixel + k)].u; }
 
 /// A single face holds directions up to 75 degrees off its axis. Directional lights' samples all fit. Also
 /// false where a coordinate is not finite, or so large that squares and cross products would overflow.

@@ -73,12 +73,10 @@ HWY_INLINE int ScalarClampedInt(float value, int limit) {
 /// so on.
 HWY_INLINE void TransposeBlocks(VF rows[4]) {
   const auto pairs = [](VF v) HWY_ATTR { return hn::BitCast(dd, v); };
-  const auto lower = [&](VF a, VF b) HWY_ATTR {
-    return hn::BitCast(df, hn::InterleaveLower(dd, pairs(a), pairs(b)));
-  };
-  const auto upper = [&](VF a, VF b) HWY_ATTR {
-    return hn::BitCast(df, hn::InterleaveUpper(dd, pairs(a), pairs(b)));
-  };
+  const auto lower = [&](VF a, VF b)
+                         HWY_ATTR { return hn::BitCast(df, hn::InterleaveLower(dd, pairs(a), pairs(b))); };
+  const auto upper = [&](VF a, VF b)
+                         HWY_ATTR { return hn::BitCast(df, hn::InterleaveUpper(dd, pairs(a), pairs(b))); };
   const VF lower01 = hn::InterleaveLower(df, rows[0], rows[1]);
   const VF lower23 = hn::InterleaveLower(df, rows[2], rows[3]);
   const VF upper01 = hn::InterleaveUpper(df, rows[0], rows[1]);
@@ -89,7 +87,8 @@ HWY_INLINE void TransposeBlocks(VF rows[4]) {
   rows[3] = upper(upper01, upper23);
 }
 
-/// Of an array of four values an element: elements index[0], index[4], index[8] and so on, one after the other.
+/// Of an array of four values an element: elements index[0], index[4], index[8] and so on, one after the
+/// other.
 template <class D>
 HWY_INLINE hn::Vec<D> EveryFourth(D d, const float* fours, const uint32_t* index) {
   if constexpr (hn::MaxLanes(D()) == 4) {
