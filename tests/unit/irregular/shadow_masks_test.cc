@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -492,6 +493,41 @@ TEST(ShadowMasks, AnyNumberOfThreadsGivesTheSameBits) {
       }
     });
   }
+}
+
+TEST(ShadowMasks, EveryInstructionSetGivesTheBitsOfTheExhaustiveTest) {
+  const View view = FloorView(3000);
+  const auto scene = MaskScene::Create(view.scene);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ReceiverLayer layer;
+  layer.depth = BottomFirst(view.depth.data(), view.width, view.height);
+  const std::vector<Light> lights = {PointLight{{2, 1, 8}}, PointLight{{1, -2, 0.3}},
+                                     DirectionalLight{{0.3, 0.2, -1}}};
+  int sets = 0;
+  for (int64_t targets = hwy::SupportedTargets(); targets != 0; targets &= targets - 1, ++sets) {
+    // Lower bits are better targets.
+    hwy::SetSupportedTargetsForTest(targets);
+    std::vector<std::vector<uint8_t>> expected;
+    for (const MaskMethod method : {MaskMethod::kExhaustive, MaskMethod::kGrid, MaskMethod::kBsp}) {
+      for (const MaskPieces pieces : {MaskPieces::kSmall, MaskPieces::kFrame}) {
+        MaskRenderer renderer;
+        MaskRequest request = RequestFor(*scene, layer, lights[0]);
+        request.camera = &view.camera;
+        request.lights = lights;
+        request.method = method;
+        request.pieces = pieces;
+        const auto masks = renderer.Render(request);
+        ASSERT_TRUE(masks.ok()) << masks.status();
+        std::vector<std::vector<uint8_t>> bits;
+        for (const LightMask& mask : *masks) bits.emplace_back(mask.bits.begin(), mask.bits.end());
+        if (expected.empty()) expected = bits;
+        EXPECT_EQ(bits, expected) << "targets " << targets << ", " << MaskMethodName(method);
+        EXPECT_EQ((*masks)[1].faces, 6);
+      }
+    }
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  EXPECT_GE(sets, 1);
 }
 
 TEST(ShadowMasks, LayersAndStridesAddressTheSamePixels) {
