@@ -1,0 +1,185 @@
+// Tests of samples against a triangle that is set up, for Highway's per-target code: included once for each
+// target.
+
+#if defined(SHADOWFIT_IRREGULAR_SAMPLE_TESTS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SHADOWFIT_IRREGULAR_SAMPLE_TESTS_INL_H_
+#undef SHADOWFIT_IRREGULAR_SAMPLE_TESTS_INL_H_
+#else
+#define SHADOWFIT_IRREGULAR_SAMPLE_TESTS_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+
+#include "core/irregular/simd.h"
+#include "core/irregular/triangle_setup-inl.h"
+#include "core/irregular/walk_kernels.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::irregular {
+namespace HWY_NAMESPACE {
+
+/// Triangles of a set-up block, as the tests of samples read them.
+struct Triangles {
+  const float* rows;  ///< Row k of triangle i is rows[k * kBlock + i].
+  const float* uv;    ///< Row k of its texture coordinates is uv[k * kBlock + i]; may be null.
+  const Caster* caster;
+  uint32_t slivers = 0;  ///< Bit per triangle.
+};
+
+HWY_INLINE VF Broadcast(const float* triangle, int row) { return hn::Set(df, triangle[row * kBlock]); }
+
+/// Of the lanes in `bits`, those where the cutout's texture is opaque.
+HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, int triangle, const float* u, const float* v,
+                                  uint32_t bits) {
+  uint32_t opaque = 0;
+  for (uint32_t left = bits; left != 0; left &= left - 1) {
+    const int i = std::countr_zero(left);
+    const float r[3] = {u[i], v[i], 1.0f};
+    // r is a combination of the corners with the opposite edges' functions as weights, so that these are the
+    // barycentric coordinates of the hit in space, without any perspective correction.
+    float weight[3];
+    float sum = 0.0f;
+    for (int corner = 0; corner < 3; ++corner) {
+      const int edge = (corner + 1) % 3;
+      float e = 0.0f;
+      for (int k = 0; k < 3; ++k) e += t.rows[(kEdge + 3 * edge + k) * kBlock + triangle] * r[k];
+      weight[corner] = std::max(e, 0.0f);
+      sum += weight[corner];
+    }
+    glm::vec2 uv(0.0f);
+    for (int corner = 0; corner < 3; ++corner) {
+      const float b = sum > 0.0f ? weight[corner] / sum : 1.0f / 3.0f;
+      uv += b * glm::vec2(t.uv[(2 * corner) * kBlock + triangle], t.uv[(2 * corner + 1) * kBlock + triangle]);
+    }
+    if (t.caster->alpha->AlphaAt(uv) >= t.caster->alpha_cutoff) opaque |= 1u << i;
+  }
+  return opaque;
+}
+
+/// Bits of the kLanes samples from `first` on, and of some more.
+HWY_INLINE uint32_t BitsAt(const uint32_t* words, uint32_t first) {
+  words += first / 32;
+  return static_cast<uint32_t>((uint64_t{words[1]} << 32 | words[0]) >> (first % 32));
+}
+
+/// Returns what was set before.
+HWY_INLINE uint32_t SetBits(uint32_t* words, uint32_t first, uint32_t bits) {
+  words += first / 32;
+  const uint64_t old = uint64_t{words[1]} << 32 | words[0];
+  const uint64_t all = old | uint64_t{bits} << (first % 32);
+  words[0] = static_cast<uint32_t>(all);
+  words[1] = static_cast<uint32_t>(all >> 32);
+  return static_cast<uint32_t>(old >> (first % 32));
+}
+
+HWY_INLINE void Absorb(const WalkTask& state, const Caster& caster, uint32_t first, uint32_t bits) {
+  const auto lanes = hn::RebindMask(du, LanesOf(bits));
+  for (int channel = 0; channel < state.channels; ++channel) {
+    uint32_t* sums = state.absorbance[channel] + first;
+    const auto more = hn::IfThenElseZero(lanes, hn::Set(du, caster.absorbance[channel]));
+    hn::StoreU(hn::Min(hn::Add(hn::LoadU(du, sums), more), hn::Set(du, kAbsorbanceMax)), du, sums);
+  }
+}
+
+HWY_INLINE void Record(const WalkTask& state, const Triangles& t, int triangle, uint32_t first,
+                       uint32_t behind, uint32_t on) {
+  if (t.caster->alpha != nullptr) {
+    if ((behind | on) == 0) return;
+    const uint32_t opaque =
+        OpaqueLanes(t, triangle, state.samples.u + first, state.samples.v + first, behind | on);
+    behind &= opaque;
+    on &= opaque;
+  }
+  if (t.caster->transmits) {
+    if (behind != 0) Absorb(state, *t.caster, first, behind);
+  } else if (behind != 0) {
+    SetBits(state.shadow, first, behind);
+  }
+  if (on != 0) {
+    const uint32_t again = SetBits(state.touched, first, on) & on;
+    if (again != 0) SetBits(state.touched_twice, first, again);
+  }
+}
+
+HWY_INLINE MF BetweenEnds(const float* triangle, VF u, VF v) {
+  const VF reach = hn::Add(hn::Add(hn::Abs(u), hn::Abs(v)), Broadcast(triangle, kEndExtent));
+  MF between = hn::Eq(u, u);
+  for (int end = 0; end < 2; ++end) {
+    const int n = kEnd + 3 * end;
+    const VF e = hn::MulAdd(Broadcast(triangle, n), u,
+                            hn::MulAdd(Broadcast(triangle, n + 1), v, Broadcast(triangle, n + 2)));
+    between =
+        hn::And(between, hn::Ge(hn::MulAdd(Broadcast(triangle, kEndMargin + end), reach, e), hn::Zero(df)));
+  }
+  return between;
+}
+
+/// Which samples lie in the cone of a triangle's corners.
+struct EdgeTest {
+  VF normal[3][3], threshold[3];
+
+  HWY_INLINE explicit EdgeTest(const float* triangle) {
+    for (int edge = 0; edge < 3; ++edge) {
+      for (int i = 0; i < 3; ++i) normal[edge][i] = Broadcast(triangle, kEdge + 3 * edge + i);
+      threshold[edge] = Broadcast(triangle, kThreshold + edge);
+    }
+  }
+
+  /// Of kLanes samples from `first` on.
+  HWY_INLINE uint32_t Inside(const SampleArrays& samples, uint32_t first) const {
+    const VF u = hn::LoadU(df, samples.u + first);
+    const VF v = hn::LoadU(df, samples.v + first);
+    MF inside[3];
+    for (int edge = 0; edge < 3; ++edge) {
+      const VF* n = normal[edge];
+      inside[edge] = hn::Gt(hn::MulAdd(n[0], u, hn::MulAdd(n[1], v, n[2])), threshold[edge]);
+    }
+    return BitsOf(hn::And(hn::And(inside[0], inside[1]), inside[2]));
+  }
+};
+
+/// Of the samples in `inside`, which lie in the cone of the corners: are they behind the triangle?
+HWY_INLINE void TestPlane(const WalkTask& state, const Triangles& t, int triangle, uint32_t first,
+                          uint32_t inside) {
+  const float* column = t.rows + triangle;
+  const VF u = hn::LoadU(df, state.samples.u + first);
+  const VF v = hn::LoadU(df, state.samples.v + first);
+  const VF depth = hn::LoadU(df, state.samples.depth + first);
+  MF lanes = hn::Ge(depth, Broadcast(column, kNearest));
+  if ((t.slivers >> triangle & 1u) != 0) lanes = hn::And(lanes, BetweenEnds(column, u, v));
+  const VF height =
+      hn::MulAdd(Broadcast(column, kPlane), u,
+                 hn::MulAdd(Broadcast(column, kPlane + 1), v,
+                            hn::MulAdd(Broadcast(column, kPlane + 2), depth, Broadcast(column, kPlane + 3))));
+  const VF bound = hn::Mul(Broadcast(column, kPlaneLength), hn::LoadU(df, state.samples.error + first));
+  const uint32_t behind = BitsOf(hn::And(lanes, hn::Gt(height, bound)));
+  const uint32_t on = BitsOf(hn::And(lanes, hn::Le(hn::Abs(height), bound)));
+  Record(state, t, triangle, first, behind & inside, on & inside);
+}
+
+/// The first of them, up to kLanes.
+HWY_INLINE uint32_t FirstBits(uint32_t count) {
+  constexpr uint32_t kAll = static_cast<uint32_t>((uint64_t{1} << kLanes) - 1);
+  return count >= kLanes ? kAll : (1u << count) - 1;
+}
+
+/// A run of sorted samples.
+HWY_INLINE void TestRun(const WalkTask& state, const Triangles& t, int triangle, uint32_t first,
+                        uint32_t end) {
+  const EdgeTest test(t.rows + triangle);
+  for (uint32_t s = first; s < end; s += kLanes) {
+    const uint32_t live = FirstBits(end - s) & ~BitsAt(state.shadow, s);
+    if (live == 0) continue;
+    const uint32_t inside = test.Inside(state.samples, s) & live;
+    if (inside != 0) TestPlane(state, t, triangle, s, inside);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace shadowfit::irregular
+HWY_AFTER_NAMESPACE();
+
+#endif
