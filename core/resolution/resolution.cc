@@ -17,68 +17,25 @@
 #include "core/resolution/light_maps.h"
 #include "core/resolution/tile_blocks.h"
 #include "core/resolution/tile_kernel.h"
+#include "core/resolution/tile_placement.h"
 
 namespace shadowfit {
 namespace {
 
+using resolution::BlockMask;
+using resolution::Extremes;
 using resolution::kBlocks;
 using resolution::kBlockWidth;
 using resolution::LightMap;
-using resolution::PatchBounds;
+using resolution::PlacedBlocks;
+using resolution::PlacedMap;
+using resolution::PlannedMap;
 using resolution::Tile;
 using resolution::TileBlocks;
 using resolution::TileDepths;
 using resolution::TileExtent;
 using resolution::TileMap;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-// Half a unit in the last place of a float, relative.
-constexpr double kFloatError = 0x1p-24;
-// Rounding errors that a local coordinate of the float kernel gathers, in units of kFloatError times the sum
-// of its terms' sizes: coefficient 1, products and sums 5, local depth 1, mean of four depths 3; 12 with
-// room.
-constexpr double kRoundings = 12.0;
-// The same of its reciprocal, relative: the estimate's 4.25, products 2, with room.
-constexpr double kReciprocalRoundings = 8.0;
-// In float, pixels beyond the edge of the light's volume by less than this (in clip coordinates) are let in:
-// what float sees is a superset of the truth, so its minimum is a lower bound.
-constexpr double kVolumeMargin = 1e-5;
-// Exact bounds this near to the edge of the volume are at the edge.
-constexpr double kEdgeSnap = 1e-12;
-
-/// A map of a light, ready to be placed in any tile.
-struct PlannedMap {
-  LightMap map;
-  // Homogeneous picture coordinates of (NDC x, NDC y, window depth, 1).
-  glm::dvec4 x, y, w;
-  // Homogeneous along-ray coordinate of the same; divided by w it is what DepthRange bounds.
-  glm::dvec4 along;
-  bool cone = false;
-  glm::dmat3 cone_form{0.0};  // Inside where p^T form p >= 0 ...
-  glm::dvec3 cone_axis{0.0};  // ... and axis . p > 0, p = (x w, y w, w).
-};
-
-/// Bounds and least width and height of boxes.
-struct Extremes {
-  glm::dvec2 low{kInfinity};
-  glm::dvec2 high{-kInfinity};
-  glm::dvec2 smallest{kInfinity};
-
-  void Add(const Extremes& other) {
-    low = glm::min(low, other.low);
-    high = glm::max(high, other.high);
-    smallest = glm::min(smallest, other.smallest);
-  }
-  /// Whether what has these extremes may add anything.
-  bool MayExtend(const Extremes& known) const {
-    return low.x < known.low.x || low.y < known.low.y || high.x > known.high.x || high.y > known.high.y ||
-           smallest.x < known.smallest.x || smallest.y < known.smallest.y;
-  }
-};
-
-using BlockMask = uint32_t;
-static_assert(kBlocks <= 32);
+using resolution::TilePlacer;
 
 /// What one tile has to say to one map.
 struct TileBound {
@@ -86,302 +43,17 @@ struct TileBound {
   BlockMask open = 0;        // The others, as far as they hold samples.
   Extremes outer;            // Bounds for these.
   BlockMask unmeasured = 0;  // Those of the open ones that no pixel was looked at of, and of the others, ...
-  glm::dvec2 measured{kInfinity};  // ... bounds of their smallest boxes.
-  glm::dvec2 promise{kInfinity};   // A guess at the unmeasured blocks' smallest boxes.
+  glm::dvec2 measured{resolution::kUnbounded};  // ... bounds of their smallest boxes.
+  glm::dvec2 promise{resolution::kUnbounded};   // A guess at the unmeasured blocks' smallest boxes.
   int64_t pixels = 0;
-  double least_along = kInfinity;
-  double most_along = -kInfinity;
+  double least_along = resolution::kUnbounded;
+  double most_along = -resolution::kUnbounded;
 };
 
 /// The part of the window depths that belongs to samples: in [0,1], without the background's value.
 void SetSampleRange(ClipDepth convention, Tile* tile) {
   tile->lowest = convention == ClipDepth::kReversedZeroToOne ? std::nextafter(0.0F, 1.0F) : 0.0F;
   tile->highest = convention == ClipDepth::kReversedZeroToOne ? 1.0F : std::nextafter(1.0F, 0.0F);
-}
-
-/// A map as one tile sees it.
-struct PlacedMap {
-  enum class Where { kOutside, kInFloat, kInDouble } where = Where::kOutside;
-  TileMap map;
-  glm::dvec2 origin{0.0};  // Picture coordinates of the tile's reference point.
-  // Picture coordinates of the tile's part of the frustum, where all of it lies before the light.
-  glm::dvec2 hull_low{kInfinity};
-  glm::dvec2 hull_high{-kInfinity};
-  // For the error of the float kernel: least w, and the sums of the sizes of each row's terms.
-  bool before_light = false;  // All of the tile.
-  double least_w = 0.0;
-  double x_size = 0.0, y_size = 0.0, w_size = 0.0;
-  double least_along = kInfinity;  // Over the tile's part of the frustum, where it lies before the light.
-  double most_along = -kInfinity;
-
-  /// Bound on the error of a float picture coordinate of size up to `reach` relative to the origin.
-  double FloatError(int axis, double reach) const {
-    const double size = axis == 0 ? x_size : y_size;
-    return kFloatError * (kRoundings * (size + reach * w_size) / least_w + kReciprocalRoundings * reach);
-  }
-};
-
-double SizeOfTerms(const double* row, const glm::dvec3& reach) {
-  return std::abs(row[0]) * reach.x + std::abs(row[1]) * reach.y + std::abs(row[2]) * reach.z +
-         std::abs(row[3]);
-}
-
-/// Window depths of a tile's samples and of their pixels' corners; least > most without any.
-struct DepthBounds {
-  double least = 2.0;
-  double most = -1.0;
-};
-
-DepthBounds BoundsOf(const TileBlocks& blocks) {
-  DepthBounds range;
-  for (int block = 0; block < kBlocks; ++block) {
-    if (blocks.samples[block] == 0) continue;
-    range.least = std::min(range.least, double{blocks.least[block]});
-    range.most = std::max(range.most, double{blocks.most[block]});
-  }
-  return range;
-}
-
-class TilePlacer {
- public:
-  TilePlacer(const Tile& tile, const DepthBounds& range)
-      : reference_(-1.0 + (2.0 * tile.x0 + tile.width) / tile.depth.width,
-                   -1.0 + (2.0 * tile.y0 + tile.height) / tile.depth.height, tile.reference_depth, 1.0),
-        step_(2.0 / tile.depth.width, 2.0 / tile.depth.height),
-        half_(0.5 * tile.width, 0.5 * tile.height),
-        low_depth_(range.least - tile.reference_depth),
-        high_depth_(range.most - tile.reference_depth) {}
-
-  PlacedMap Place(const PlannedMap& planned, bool in_double) const {
-    PlacedMap placed;
-    TileMap& local = placed.map;
-    ToLocal(planned.x, local.x);
-    ToLocal(planned.y, local.y);
-    ToLocal(planned.w, local.w);
-    ToLocal(planned.along, local.along);
-
-    // 1. The tile's part of the view frustum is a box in local coordinates, at whose corners linear forms are
-    // extreme; so are the quotients, and what holds at the corners of something convex holds inside.
-    const double middle_depth = 0.5 * (low_depth_ + high_depth_);
-    const double half_depth = 0.5 * (high_depth_ - low_depth_);
-    const auto middle = [&](const double* row) { return row[2] * middle_depth + row[3]; };
-    const auto reach_of = [&](double x, double y, double z) {
-      return std::abs(x) * half_.x + std::abs(y) * half_.y + std::abs(z) * half_depth;
-    };
-    const double w_middle = middle(local.w);
-    const double w_reach = reach_of(local.w[0], local.w[1], local.w[2]);
-    double least_w = w_middle - w_reach;
-    const double most_w = w_middle + w_reach;
-    if (!(most_w > 0.0)) return placed;
-    bool square_holds_all = true;
-    if (planned.map.bounded) {
-      for (const double* row : {local.x, local.y}) {
-        for (const double sign : {-1.0, 1.0}) {  // 0 <= w -+ x
-          const double inside = w_middle + sign * middle(row);
-          const double reach =
-              reach_of(local.w[0] + sign * row[0], local.w[1] + sign * row[1], local.w[2] + sign * row[2]);
-          if (inside + reach < 0.0) return placed;
-          square_holds_all = square_holds_all && inside - reach > 1e-9 * most_w;
-        }
-      }
-    }
-    bool cone_holds_all = planned.cone;
-    for (int corner = 0; corner < 8; ++corner) {
-      const double lx = (corner & 1) != 0 ? half_.x : -half_.x;
-      const double ly = (corner & 2) != 0 ? half_.y : -half_.y;
-      const double lz = (corner & 4) != 0 ? high_depth_ : low_depth_;
-      const auto at = [&](const double* row) { return row[0] * lx + row[1] * ly + row[2] * lz + row[3]; };
-      const glm::dvec3 p(at(local.x), at(local.y), at(local.w));
-      cone_holds_all =
-          cone_holds_all && glm::dot(p, planned.cone_form * p) > 0.0 && glm::dot(planned.cone_axis, p) > 0.0;
-      if (!(p.z > 0.0)) continue;
-      const double by_w = 1.0 / p.z;
-      placed.hull_low = glm::min(placed.hull_low, glm::dvec2(p) * by_w);
-      placed.hull_high = glm::max(placed.hull_high, glm::dvec2(p) * by_w);
-      placed.least_along = std::min(placed.least_along, at(local.along) * by_w);
-      placed.most_along = std::max(placed.most_along, at(local.along) * by_w);
-    }
-    local.in_square =
-        planned.map.bounded && !planned.map.inscribed_cone && !(least_w > 0.0 && square_holds_all);
-    local.in_cone = planned.cone && !(least_w > 0.0 && cone_holds_all);
-    placed.before_light = least_w > 0.0;
-
-    // 2. Picture coordinates relative to those of the reference point, and w relative to its w.
-    if (local.w[3] > 0.0) placed.origin = {local.x[3] / local.w[3], local.y[3] / local.w[3]};
-    const double scale = 1.0 / (local.w[3] > 0.0 ? local.w[3] : most_w);
-    for (int i = 0; i < 4; ++i) {
-      local.x[i] = (local.x[i] - placed.origin.x * local.w[i]) * scale;
-      local.y[i] = (local.y[i] - placed.origin.y * local.w[i]) * scale;
-      local.w[i] *= scale;
-      local.along[i] *= scale;
-    }
-    least_w *= scale;
-
-    // 3. Can float do it?
-    const glm::dvec3 reach(half_, std::max(std::abs(low_depth_), std::abs(high_depth_)));
-    placed.least_w = least_w;
-    placed.x_size = SizeOfTerms(local.x, reach);
-    placed.y_size = SizeOfTerms(local.y, reach);
-    placed.w_size = SizeOfTerms(local.w, reach);
-    // How large a local coordinate inside the volume can be. (With some of the tile behind the light, float
-    // is out of the question, and so the hull is whole where it is looked at.)
-    glm::dvec2 widest;
-    bool float_serves = least_w > 0.0;
-    for (int axis = 0; axis < 2; ++axis) {
-      const double origin = placed.origin[axis];
-      widest[axis] = std::max(origin - placed.hull_low[axis], placed.hull_high[axis] - origin);
-      if (!planned.map.bounded) continue;
-      widest[axis] = std::min(widest[axis], 1.0 + std::abs(origin));
-      float_serves = float_serves && placed.FloatError(axis, widest[axis]) < 0.25 * kVolumeMargin;
-    }
-    in_double = in_double || !float_serves;
-    placed.where = in_double ? PlacedMap::Where::kInDouble : PlacedMap::Where::kInFloat;
-
-    // 4. The light's volume in local coordinates: p = T p', where T adds the origin.
-    const double margin = in_double ? 0.0 : kVolumeMargin;
-    for (int axis = 0; axis < 2; ++axis) {
-      local.square_low[axis] = -1.0 - margin - placed.origin[axis];
-      local.square_high[axis] = 1.0 + margin - placed.origin[axis];
-    }
-    if (local.in_cone) {
-      const glm::dmat3 shift(glm::dvec3(1, 0, 0), glm::dvec3(0, 1, 0), glm::dvec3(placed.origin, 1));
-      const glm::dmat3 form = glm::transpose(shift) * planned.cone_form * shift;
-      const glm::dvec3 axis = glm::transpose(shift) * planned.cone_axis;
-      const double terms[6] = {form[0][0],       2.0 * form[0][1], form[1][1],
-                               2.0 * form[0][2], 2.0 * form[1][2], form[2][2]};
-      const double x = widest.x;
-      const double y = widest.y;
-      const double sizes[6] = {x * x, x * y, y * y, x, y, 1.0};
-      double rounding = 0.0;
-      for (int i = 0; i < 6; ++i) {
-        local.cone[i] = terms[i];
-        rounding += kRoundings * kFloatError * std::abs(terms[i]) * sizes[i];
-      }
-      // Coordinates that are wrong by the margin, and the rounding of the form's own terms, change it by no
-      // more.
-      const double slope = 2.0 * std::abs(terms[0]) * x + std::abs(terms[1]) * (x + y) +
-                           2.0 * std::abs(terms[2]) * y + std::abs(terms[3]) + std::abs(terms[4]);
-      if (!in_double) local.cone[5] += 1.5 * margin * slope + rounding;
-      for (int i = 0; i < 3; ++i) local.cone_axis[i] = axis[i];
-    }
-    return placed;
-  }
-
- private:
-  void ToLocal(const glm::dvec4& row, double* local) const {
-    local[0] = row.x * step_.x;
-    local[1] = row.y * step_.y;
-    local[2] = row.z;
-    local[3] = glm::dot(row, reference_);
-  }
-
-  glm::dvec4 reference_;
-  glm::dvec2 step_;
-  glm::dvec2 half_;
-  double low_depth_;
-  double high_depth_;
-};
-
-/// How the blocks of a tile lie to a map. Those without samples are in no mask.
-struct PlacedBlocks {
-  BlockMask inside = 0;      // The light's volume holds them wholly.
-  BlockMask edge = 0;        // It may hold some of their pixels.
-  Extremes bounds[kBlocks];  // By what a block's pixels have in common.
-};
-
-/// Bounds of (X, Y, 1)^T form (X, Y, 1) over a rectangle, by its expansion about the middle.
-void BoundForm(const glm::dmat3& form, const glm::dvec2& low, const glm::dvec2& high, double* least,
-               double* most) {
-  const glm::dvec3 middle(0.5 * (low + high), 1.0);
-  const glm::dvec2 half = 0.5 * (high - low);
-  const glm::dvec3 product = form * middle;
-  const double reach = 2.0 * (std::abs(product.x) * half.x + std::abs(product.y) * half.y) +
-                       std::abs(form[0][0]) * half.x * half.x + std::abs(form[1][1]) * half.y * half.y +
-                       2.0 * std::abs(form[0][1]) * half.x * half.y;
-  *least = glm::dot(middle, product) - reach;
-  *most = glm::dot(middle, product) + reach;
-}
-
-void PlaceBlocks(const PlannedMap& planned, const PlacedMap& placed, const Tile& tile,
-                 const TileBlocks& common, PlacedBlocks* blocks) {
-  PatchBounds patches;
-  resolution::BoundPatches(tile, common, placed.map, &patches);
-  *blocks = {};
-  for (int block = 0; block < kBlocks; ++block) {
-    if (common.samples[block] == 0) continue;
-    Extremes& bounds = blocks->bounds[block];
-    for (int axis = 0; axis < 2; ++axis) {
-      const double low = placed.origin[axis] + patches.low[axis][block];
-      const double high = placed.origin[axis] + patches.high[axis][block];
-      const double rounding =
-          1e-12 * (std::abs(placed.origin[axis]) + std::max(std::abs(low), std::abs(high)));
-      bounds.low[axis] = std::max(placed.hull_low[axis], low) - rounding;
-      bounds.high[axis] = std::min(placed.hull_high[axis], high) + rounding;
-      bounds.smallest[axis] = patches.smallest[axis][block];
-    }
-    const BlockMask bit = BlockMask{1} << block;
-    bool inside = true;
-    bool outside = false;
-    constexpr double kMargin = 1e-9;
-    if (placed.map.in_square) {
-      inside = glm::all(glm::greaterThan(bounds.low, glm::dvec2(kMargin - 1.0))) &&
-               glm::all(glm::lessThan(bounds.high, glm::dvec2(1.0 - kMargin)));
-      outside = glm::any(glm::lessThan(bounds.high, glm::dvec2(-1.0 - kMargin))) ||
-                glm::any(glm::greaterThan(bounds.low, glm::dvec2(1.0 + kMargin)));
-    }
-    if (placed.map.in_cone) {
-      double least;
-      double most;
-      BoundForm(planned.cone_form, bounds.low, bounds.high, &least, &most);
-      const glm::dvec3& axis = planned.cone_axis;
-      const glm::dvec2 middle = 0.5 * (bounds.low + bounds.high);
-      const glm::dvec2 half = 0.5 * (bounds.high - bounds.low);
-      const double ahead = axis.x * middle.x + axis.y * middle.y + axis.z;
-      const double reach = std::abs(axis.x) * half.x + std::abs(axis.y) * half.y;
-      const double margin = kMargin * (std::abs(most) + std::abs(least) + 1.0);
-      inside = inside && least > margin && ahead - reach > margin;
-      outside = outside || most < -margin || ahead + reach < -margin;
-    }
-    if (outside) continue;
-    if (planned.map.bounded) {
-      bounds.low = glm::max(bounds.low, glm::dvec2(-1.0));
-      bounds.high = glm::min(bounds.high, glm::dvec2(1.0));
-    }
-    (inside ? blocks->inside : blocks->edge) |= bit;
-  }
-}
-
-/// Turns what the kernel found into bounds that hold for certain.
-Extremes BoundsFrom(const PlannedMap& planned, const PlacedMap& placed, const TileExtent& extent,
-                    bool in_double) {
-  Extremes bounds;
-  if (extent.pixels == 0) return bounds;
-  for (int axis = 0; axis < 2; ++axis) {
-    double error = 0.0;
-    if (in_double) {
-      bounds.low[axis] = placed.origin[axis] + extent.min[axis];
-      bounds.high[axis] = placed.origin[axis] + extent.max[axis];
-    } else if (placed.map.in_square || placed.map.in_cone) {
-      error = placed.FloatError(axis, std::max(std::abs(extent.min[axis]), std::abs(extent.max[axis])));
-      bounds.low[axis] = placed.origin[axis] + extent.min[axis] - error;
-      bounds.high[axis] = placed.origin[axis] + extent.max[axis] + error;
-    } else {
-      const double low = placed.hull_low[axis];
-      const double high = placed.hull_high[axis];
-      error = placed.FloatError(axis, std::max(placed.origin[axis] - low, high - placed.origin[axis]));
-      const double rounding = 1e-12 * std::max(std::abs(low), std::abs(high));
-      bounds.low[axis] = low - rounding;
-      bounds.high[axis] = high + rounding;
-    }
-    bounds.smallest[axis] =
-        std::max(0.0, extent.smallest[axis] * (1.0 - 2.0 * kFloatError * (error > 0.0)) - 2.0 * error);
-    if (!(bounds.smallest[axis] >= 0.0)) bounds.smallest[axis] = 0.0;
-    if (planned.map.bounded) {
-      if (bounds.low[axis] < -1.0 + kEdgeSnap) bounds.low[axis] = -1.0;
-      if (bounds.high[axis] > 1.0 - kEdgeSnap) bounds.high[axis] = 1.0;
-    }
-  }
-  return bounds;
 }
 
 /// Reduces some blocks of a tile, in the arithmetic of T.
@@ -665,7 +337,7 @@ void ResolutionEstimator::Workspace::ReduceTile(int index) {
     counts = own.data();
     resolution::PrepareTile(tile, &depths);
   }
-  const TilePlacer placer(tile, BoundsOf(common));
+  const TilePlacer placer(tile, resolution::BoundsOf(common));
   for (int map = 0; map < map_count; ++map) {
     const PlannedMap& planned = maps[static_cast<size_t>(map)];
     PlacedMap placed = placer.Place(planned, false);
@@ -680,7 +352,7 @@ void ResolutionEstimator::Workspace::ReduceTile(int index) {
       const TileExtent extent = ReduceBlocks<double>(tile, with_samples, placed.map);
       CountVisits(tile, with_samples);
       settled.fetch_add(1, std::memory_order_relaxed);
-      bound.settled = BoundsFrom(planned, placed, extent, true);
+      bound.settled = resolution::BoundsFrom(planned, placed, extent, true);
       bound.pixels = extent.pixels;
       bound.least_along = extent.least_along;
       bound.most_along = extent.most_along;
@@ -693,7 +365,7 @@ void ResolutionEstimator::Workspace::ReduceTile(int index) {
       bound.open = with_samples;
     } else {
       PlacedBlocks view;
-      PlaceBlocks(planned, placed, tile, common, &view);
+      resolution::PlaceBlocks(planned, placed, tile, common, &view);
       const auto measure = [&](BlockMask mask) {
         CountVisits(tile, mask);
         return in_double ? ReduceBlocks<double>(tile, mask, placed.map)
@@ -709,7 +381,8 @@ void ResolutionEstimator::Workspace::ReduceTile(int index) {
         bound.pixels += common.samples[block];
         const bool is_known = bounds.smallest.x > 0.0 && bounds.smallest.y > 0.0;
         if (!is_known) unknown |= bit;
-        bound.outer.Add({bounds.low, bounds.high, is_known ? bounds.smallest : glm::dvec2(kInfinity)});
+        bound.outer.Add(
+            {bounds.low, bounds.high, is_known ? bounds.smallest : glm::dvec2(resolution::kUnbounded)});
         for (int axis = 0; axis < 2; ++axis) {
           const double least = bounds.smallest[axis];
           if (least > 0.0) bound.promise[axis] = std::min(bound.promise[axis], least);
@@ -717,11 +390,11 @@ void ResolutionEstimator::Workspace::ReduceTile(int index) {
       }
       bound.unmeasured = view.inside & ~unknown;
       if (unknown != 0) {
-        bound.measured = BoundsFrom(planned, placed, measure(unknown), in_double).smallest;
+        bound.measured = resolution::BoundsFrom(planned, placed, measure(unknown), in_double).smallest;
         bound.outer.smallest = glm::min(bound.outer.smallest, bound.measured);
       }
     }
-    const Extremes measured = BoundsFrom(planned, placed, extent, in_double);
+    const Extremes measured = resolution::BoundsFrom(planned, placed, extent, in_double);
     bound.outer.Add(measured);
     bound.measured = glm::min(bound.measured, measured.smallest);
     bound.pixels += extent.pixels;
@@ -776,7 +449,7 @@ class ResolutionEstimator::Settler {
     const glm::dvec2 inwards = 0.01 * (known.high - known.low);
     known.low += inwards;
     known.high -= inwards;
-    known.smallest = glm::dvec2(-kInfinity);
+    known.smallest = glm::dvec2(-resolution::kUnbounded);
     while (!cancellation_.Requested()) {
       constexpr int kSides = 4;
       constexpr int kPerSide = 2;
@@ -834,7 +507,9 @@ class ResolutionEstimator::Settler {
   int tile_count() const { return static_cast<int>(bounds_.size()); }
 
   static Extremes BoxesBelow(const glm::dvec2& size) {
-    return {.low = glm::dvec2(-kInfinity), .high = glm::dvec2(kInfinity), .smallest = size};
+    return {.low = glm::dvec2(-resolution::kUnbounded),
+            .high = glm::dvec2(resolution::kUnbounded),
+            .smallest = size};
   }
 
   void List(int tile) {
@@ -887,8 +562,8 @@ class ResolutionEstimator::Settler {
     PlacedTile at;
     at.tile = work_.MakeTile(index);
     const TileBlocks& common = work_.blocks[static_cast<size_t>(index)];
-    at.placed = TilePlacer(at.tile, BoundsOf(common)).Place(planned_, in_double);
-    PlaceBlocks(planned_, at.placed, at.tile, common, &at.blocks);
+    at.placed = TilePlacer(at.tile, resolution::BoundsOf(common)).Place(planned_, in_double);
+    resolution::PlaceBlocks(planned_, at.placed, at.tile, common, &at.blocks);
     return at;
   }
 
@@ -898,7 +573,7 @@ class ResolutionEstimator::Settler {
     const PlacedTile at = PlaceTile(index, true);
     BlockMask wanted = 0;
     bound.outer = {};
-    bound.promise = glm::dvec2(kInfinity);
+    bound.promise = glm::dvec2(resolution::kUnbounded);
     for (int block = 0; block < kBlocks; ++block) {
       const BlockMask bit = BlockMask{1} << block;
       if ((bound.open & bit) == 0) continue;
@@ -915,7 +590,7 @@ class ResolutionEstimator::Settler {
     const TileExtent extent = ReduceBlocks<double>(at.tile, wanted, at.placed.map);
     work_.CountVisits(at.tile, wanted);
     work_.settled.fetch_add(1, std::memory_order_relaxed);
-    bound.settled.Add(BoundsFrom(planned_, at.placed, extent, true));
+    bound.settled.Add(resolution::BoundsFrom(planned_, at.placed, extent, true));
   }
 
   /// Looks at the pixels of all blocks that may hold a box smaller than `size`.
@@ -930,7 +605,7 @@ class ResolutionEstimator::Settler {
     TileBound& bound = bounds_[static_cast<size_t>(index)];
     const PlacedTile at = PlaceTile(index, false);
     BlockMask wanted = 0;
-    glm::dvec2 others(kInfinity);
+    glm::dvec2 others(resolution::kUnbounded);
     for (int block = 0; block < kBlocks; ++block) {
       const BlockMask bit = BlockMask{1} << block;
       if ((bound.unmeasured & bit) == 0) continue;
@@ -945,7 +620,8 @@ class ResolutionEstimator::Settler {
                                         : ReduceBlocks<float>(at.tile, wanted, at.placed.map);
     work_.CountVisits(at.tile, wanted);
     bound.unmeasured &= ~wanted;
-    bound.measured = glm::min(bound.measured, BoundsFrom(planned_, at.placed, extent, in_double).smallest);
+    bound.measured =
+        glm::min(bound.measured, resolution::BoundsFrom(planned_, at.placed, extent, in_double).smallest);
     bound.outer.smallest = glm::min(bound.measured, others);
   }
 
@@ -979,8 +655,8 @@ MapEstimate ResolutionEstimator::EstimateMap(const ResolutionRequest& request,
     estimate.crop_min = low;
     estimate.crop_max = high;
     estimate.smallest_patch = settler.certain().smallest;
-    double least_along = kInfinity;
-    double most_along = -kInfinity;
+    double least_along = resolution::kUnbounded;
+    double most_along = -resolution::kUnbounded;
     for (int tile = 0; tile < work.tile_count(); ++tile) {
       const TileBound& bound = work.BoundOf(map, tile);
       estimate.pixels += bound.pixels;
