@@ -15,9 +15,9 @@ struct Box {
   float u_min, v_min, u_max, v_max, nearest;
 };
 
-/// Encloses the corners' box as the face sees it. The slack covers the rounding of corners and samples to
-/// single precision, and that of slivers' edges.
-Box BoxOf(const LightFrame& frame, const Face& face, const MaskScene::Cluster& cluster) {
+/// Encloses the corners' box as the face sees it, whose samples have |u| and |v| up to `widest`. The slack
+/// covers the rounding of corners and samples to single precision, and that of slivers' edges.
+Box BoxOf(const LightFrame& frame, const Face& face, double widest, const MaskScene::Cluster& cluster) {
   const glm::dvec3 low = glm::dvec3(cluster.ws_min) - frame.ws_origin;
   const glm::dvec3 high = glm::dvec3(cluster.ws_max) - frame.ws_origin;
   const glm::dvec3 centre = 0.5 * (low + high), extent = 0.5 * (high - low);
@@ -30,10 +30,26 @@ Box BoxOf(const LightFrame& frame, const Face& face, const MaskScene::Cluster& c
     least[row] = at - reach - slack;
     most[row] = at + reach + slack;
   }
+  constexpr Box kNone = {kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
+  if (!frame.directional) {
+    if (!(most[2] > 0.0)) return kNone;
+    // Beyond a side of the pyramid that holds the samples' rays, by as much as the slack below at its edge?
+    const double margin = 6e-4 * (1.0 + 2.0 * widest * widest) * most[2];
+    for (int row = 0; row < 2; ++row) {
+      for (const double sign : {-1.0, 1.0}) {
+        double at = 0.0, reach = 0.0;
+        for (int i = 0; i < 3; ++i) {
+          const double side = sign * face.rotation[row][i] - widest * face.rotation[2][i];
+          at += side * centre[i];
+          reach += std::abs(side) * extent[i];
+        }
+        if (at - reach > margin) return kNone;
+      }
+    }
+  }
   double u[2] = {least[0], most[0]}, v[2] = {least[1], most[1]};
   double nearest = least[2];
   if (!frame.directional) {
-    if (!(most[2] > 0.0)) return {kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
     if (!(least[2] > 1e-3 * most[2])) return {-kInfinity, -kInfinity, kInfinity, kInfinity, -kInfinity};
     for (double* x : {u, v}) {
       x[0] /= x[0] < 0.0 ? least[2] : most[2];
@@ -66,10 +82,12 @@ bool CasterBoxes::Compute(std::span<const CasterSegment> segments, const LightPl
   for (const CasterSegment& segment : segments) {
     ForEachPiece(segment.clusters.size(), 256, [&](size_t begin, size_t end) {
       if (cancellation != nullptr && cancellation->Requested()) return;
+      // A cube's side, or what a single face may hold: see Fits() in sample_kernels.cc.
+      const double widest = plan.face_count == 1 ? 4.0 : 1.0;
       for (int f = 0; f < plan.face_count; ++f) {
         float* const out = values_.data() + static_cast<size_t>(f) * 5 * stride_ + first;
         for (size_t i = begin; i < end; ++i) {
-          const Box box = BoxOf(plan.frame, plan.faces[static_cast<size_t>(f)], segment.clusters[i]);
+          const Box box = BoxOf(plan.frame, plan.faces[static_cast<size_t>(f)], widest, segment.clusters[i]);
           out[i] = box.u_min;
           out[stride_ + i] = box.v_min;
           out[2 * stride_ + i] = box.u_max;

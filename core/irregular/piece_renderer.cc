@@ -21,9 +21,6 @@ namespace {
 /// Arrays that are written side by side start at different places of a page: the processor takes addresses
 /// that agree in their last twelve bits for the same at first.
 constexpr size_t kStagger = 272;
-/// Clusters that are selected together, and those between two looks at the cancellation.
-constexpr size_t kSelected = 1024;
-constexpr size_t kClustersOfPoll = 64;
 /// Of a part of a piece that is shared.
 constexpr size_t kPartPixels = 1 << 15;
 /// Where a piece has several parts, one strip of so many plans its cells.
@@ -161,8 +158,10 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
   if (scratch_.size() < threads) scratch_.resize(threads);
   // Of a band, if they are equal.
   const size_t band_samples = share_work ? capacity_ / (kBandsPerThread * threads) : capacity_;
-  for (AlignedBuffer<float>& values : scratch_) {
-    if (!values.Reserve(4 * (band_samples + kStagger))) return false;
+  for (BandScratch& scratch : scratch_) {
+    if (!scratch.samples.Reserve(4 * (band_samples + kStagger)) || !scratch.walk.Reserve(band_samples)) {
+      return false;
+    }
   }
   if (!share_work) {
     parts_.resize(std::max<size_t>(parts_.size(), 1));
@@ -176,7 +175,7 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
          (!transmit || absorbance_.Reserve(static_cast<size_t>(channels) * capacity_));
 }
 
-AlignedBuffer<float>& PieceRenderer::MyScratch() {
+PieceRenderer::BandScratch& PieceRenderer::MyScratch() {
   if (scratch_.size() == 1) return scratch_[0];
   return scratch_[static_cast<size_t>(tbb::this_task_arena::current_thread_index()) % scratch_.size()];
 }
@@ -353,8 +352,10 @@ bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, 
   task.channels = casters.channels;
   task.cancellation = request.cancellation;
   const size_t first_sample = cell_start_[band.first_cell], end_sample = cell_start_[band.end_cell];
+  task.first_sample = band.first_sample;
   task.end_sample = band.first_sample + band.samples;
-  AlignedBuffer<float>& values = MyScratch();
+  BandScratch& scratch = MyScratch();
+  AlignedBuffer<float>& values = scratch.samples;
   const size_t count = end_sample - first_sample;
   if (!values.Reserve(4 * (count + kStagger))) return false;
   task.samples = Arrays(&values, count);
@@ -371,35 +372,7 @@ bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, 
       std::fill(task.absorbance[channel] + first_sample, task.absorbance[channel] + end_sample, 0u);
     }
   }
-  const BoxArrays of_face = boxes.Of(band.face);
-  size_t segment_begin = 0;
-  for (const CasterSegment& segment : casters.segments) {
-    const size_t segment_end = segment_begin + segment.clusters.size();
-    for (size_t begin = segment_begin; begin < segment_end; begin += kSelected) {
-      uint32_t selected[kSelected + kPadding];
-      const size_t end = std::min(segment_end, begin + kSelected);
-      size_t chosen = end - begin;
-      if (request.method == MaskMethod::kExhaustive) {
-        std::iota(selected, selected + chosen, static_cast<uint32_t>(begin));
-      } else {
-        chosen = SelectBoxes(of_face, task, begin, end, selected);
-      }
-      for (size_t i = 0; i < chosen; ++i) {
-        if (i % kClustersOfPoll == 0 && task.Cancelled()) return true;
-        const MaskScene::Cluster& cluster = segment.clusters[selected[i] - segment_begin];
-        const Caster& caster = casters.casters[cluster.material];
-        if (!caster.casts) continue;
-        CasterBlocks blocks;
-        blocks.geometry = segment.geometry + size_t{cluster.first_block} * kBlockFloats;
-        blocks.uvs = cluster.first_uv < 0 ? nullptr : casters.uvs->data() + cluster.first_uv;
-        blocks.count = cluster.block_count;
-        blocks.caster = &caster;
-        WalkTriangles(task, blocks);
-      }
-    }
-    segment_begin = segment_end;
-  }
-  return true;
+  return scratch.walk.Run(task, boxes.Of(band.face), casters);
 }
 
 size_t PieceRenderer::CountUndecided() const {
@@ -541,7 +514,8 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
 
 size_t PieceRenderer::MemoryBytes() const {
   size_t bytes = 0;
-  for (const AlignedBuffer<float>& values : scratch_) bytes += values.MemoryBytes();
+  for (const BandScratch& scratch : scratch_)
+    bytes += scratch.samples.MemoryBytes() + scratch.walk.MemoryBytes();
   for (const Part& part : parts_) bytes += part.plan.capacity() * sizeof(PlanSample);
   return bytes + projected_.MemoryBytes() + face_of_.MemoryBytes() + present_.MemoryBytes() +
          facing_.MemoryBytes() + bits_.MemoryBytes() + place_.MemoryBytes() + order_.MemoryBytes() +

@@ -10,19 +10,12 @@
 #include "absl/status/status.h"
 #include "core/irregular/aligned_buffer.h"
 #include "core/irregular/caster_boxes.h"
+#include "core/irregular/cluster_walk.h"
 #include "core/irregular/light_plan.h"
 #include "core/irregular/sample_kernels.h"
 #include "core/irregular/walk_kernels.h"
 
 namespace shadowfit::irregular {
-
-/// What all pieces of all lights share.
-struct CasterInput {
-  std::span<const CasterSegment> segments;
-  std::span<const Caster> casters;  ///< By material.
-  const std::vector<float>* uvs = nullptr;
-  int channels = 3;  ///< Of absorbance; one where all casters are grey.
-};
 
 /// Where a light's answers go: strips, and pixels, row after row, layer after layer.
 struct MaskImages {
@@ -88,6 +81,12 @@ class PieceRenderer {
     uint32_t first_sample = 0, samples = 0;
   };
 
+  /// Of a thread that handles one band after the other.
+  struct BandScratch {
+    AlignedBuffer<float> samples;
+    ClusterWalk walk;
+  };
+
   static size_t LinesOfPart(const Piece& piece, bool share_work);
   void CutIntoParts(const Piece& piece, bool share_work);
   void CutIntoChunks(bool share_work);
@@ -105,7 +104,7 @@ class PieceRenderer {
   size_t Resolve(const PieceTask& task, const Lines& lines, int channels, const MaskImages& images);
   void ResolveColours(const PieceTask& task, const Lines& lines, int channels, const MaskImages& images);
   void ResolveCoverage(const PieceTask& task, const MaskImages& images);
-  AlignedBuffer<float>& MyScratch();
+  BandScratch& MyScratch();
   static SampleArrays Arrays(AlignedBuffer<float>* values, size_t count);
 
   std::array<Face, 6> faces_;
@@ -119,11 +118,10 @@ class PieceRenderer {
   std::vector<glm::vec2> uv_;
   AlignedBuffer<uint16_t> present_, facing_, bits_;
   AlignedBuffer<uint32_t> place_;
-  AlignedBuffer<Sample> projected_;  ///< By slot.
-  AlignedBuffer<uint32_t> face_of_;  ///< By pixel.
-  AlignedBuffer<uint32_t> order_;    ///< Slot of each sorted sample.
-  std::vector<AlignedBuffer<float>>
-      scratch_;  ///< A band's sorted samples, of each thread that shares the work.
+  AlignedBuffer<Sample> projected_;   ///< By slot.
+  AlignedBuffer<uint32_t> face_of_;   ///< By pixel.
+  AlignedBuffer<uint32_t> order_;     ///< Slot of each sorted sample.
+  std::vector<BandScratch> scratch_;  ///< Of each thread that shares the work.
   AlignedBuffer<uint32_t> next_, cell_start_;
   // Answers, per sorted sample.
   AlignedBuffer<uint32_t> shadow_, touched_, touched_twice_;

@@ -82,23 +82,29 @@ HWY_INLINE MF MaskOfHalves(const hn::Mask<DD> halves[2]) {
   return hn::Gt(CombineHalves(ones), hn::Zero(df));
 }
 
-/// Lanes whose rays leave the cube through this face; ties go to the last axis, and each lane has one face.
-HWY_INLINE MF OnFace(const Face& face, const Homogeneous& p) {
-  hn::Mask<DD> halves[2] = {};
+/// Of each lane the side of the cube that its ray leaves through, as LightPlan numbers them, or -1. Ties go
+/// to the last axis, so that each ray has one.
+HWY_INLINE VF SidesOf(const Homogeneous& p) {
+  VH sides[2];
   for (int half = 0; half < 2; ++half) {
     VD r[3], a[3];
     for (int i = 0; i < 3; ++i) {
       r[i] = hn::Mul(p.h[i][half], hn::CopySign(hn::Set(dd, 1.0), p.h[3][half]));
       a[i] = hn::Abs(r[i]);
     }
-    auto on = face.sign > 0.0 ? hn::Gt(r[face.axis], hn::Zero(dd)) : hn::Lt(r[face.axis], hn::Zero(dd));
-    for (int other = 0; other < 3; ++other) {
-      if (other == face.axis) continue;
-      on = hn::And(on, other > face.axis ? hn::Gt(a[face.axis], a[other]) : hn::Ge(a[face.axis], a[other]));
+    VD side = hn::Set(dd, -1.0);
+    for (int axis = 0; axis < 3; ++axis) {
+      auto largest = hn::Gt(a[axis], hn::Zero(dd));
+      for (int other = 0; other < 3; ++other) {
+        if (other == axis) continue;
+        largest = hn::And(largest, other > axis ? hn::Gt(a[axis], a[other]) : hn::Ge(a[axis], a[other]));
+      }
+      const VD negative = hn::IfThenElseZero(hn::Lt(r[axis], hn::Zero(dd)), hn::Set(dd, 1.0));
+      side = hn::IfThenElse(largest, hn::Add(hn::Set(dd, 2.0 * axis), negative), side);
     }
-    halves[half] = on;
+    sides[half] = hn::DemoteTo(dh, side);
   }
-  return MaskOfHalves(halves);
+  return CombineHalves(sides);
 }
 
 HWY_INLINE MF OutsideCone(const LightFrame& frame, const Homogeneous& p) {
@@ -344,11 +350,13 @@ HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, size_t s
       }
       VF out[4] = {hn::Zero(df), hn::Zero(df), hn::Zero(df), hn::Zero(df)};
       VU face_of = hn::Zero(du);
+      VF sides = hn::Zero(df);
+      if constexpr (!kSingle) sides = SidesOf(p);
       for (int f = 0; f < (kSingle ? 1 : 6); ++f) {
         const Axes<kSingle> axes(task.faces[f]);
         MF on = left;
         if constexpr (!kSingle) {
-          on = hn::And(on, OnFace(task.faces[f], p));
+          on = hn::And(on, hn::Eq(sides, hn::Set(df, static_cast<float>(f))));
           if (hn::AllFalse(df, on)) continue;
         }
         const Projected at = Project(frame.directional, axes, p);

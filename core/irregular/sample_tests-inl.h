@@ -59,12 +59,6 @@ HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, int triangle, const float*
   return opaque;
 }
 
-/// Bits of the kLanes samples from `first` on, and of some more.
-HWY_INLINE uint32_t BitsAt(const uint32_t* words, uint32_t first) {
-  words += first / 32;
-  return static_cast<uint32_t>((uint64_t{words[1]} << 32 | words[0]) >> (first % 32));
-}
-
 /// Returns what was set before.
 HWY_INLINE uint32_t SetBits(uint32_t* words, uint32_t first, uint32_t bits) {
   words += first / 32;
@@ -158,12 +152,6 @@ HWY_INLINE void TestPlane(const WalkTask& state, const Triangles& t, int triangl
   const uint32_t behind = BitsOf(hn::And(lanes, hn::Gt(height, bound)));
   const uint32_t on = BitsOf(hn::And(lanes, hn::Le(hn::Abs(height), bound)));
   Record(state, t, triangle, first, behind & inside, on & inside);
-}
-
-/// The first of them, up to kLanes.
-HWY_INLINE uint32_t FirstBits(uint32_t count) {
-  constexpr uint32_t kAll = static_cast<uint32_t>((uint64_t{1} << kLanes) - 1);
-  return count >= kLanes ? kAll : (1u << count) - 1;
 }
 
 /// A run of sorted samples.

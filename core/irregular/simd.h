@@ -59,6 +59,18 @@ HWY_INLINE MF LanesOf(uint32_t bits) {
 
 HWY_INLINE MF NoLanes() { return hn::MaskFromVec(hn::Zero(df)); }
 
+/// The first lanes, up to kLanes.
+HWY_INLINE uint32_t FirstBits(uint32_t count) {
+  constexpr uint32_t kAll = static_cast<uint32_t>((uint64_t{1} << kLanes) - 1);
+  return count >= kLanes ? kAll : (1u << count) - 1;
+}
+
+/// Of a bit per sample, those of the kLanes samples from `first` on, and of some more.
+HWY_INLINE uint32_t BitsAt(const uint32_t* words, uint32_t first) {
+  words += first / 32;
+  return static_cast<uint32_t>((uint64_t{words[1]} << 32 | words[0]) >> (first % 32));
+}
+
 HWY_INLINE VF CombineHalves(const VH halves[2]) { return hn::Combine(df, halves[1], halves[0]); }
 
 HWY_INLINE VI ClampedInt(VF value, int limit) {

@@ -10,6 +10,9 @@
 /// Triangles over sorted samples: inner loops compiled for several instruction sets.
 namespace shadowfit::irregular {
 
+/// Samples that share a depth in WalkTask::farthest_live.
+inline constexpr uint32_t kSamplesOfDepth = 64;
+
 enum class Search { kGrid, kBsp, kExhaustive };
 
 /// Everything a triangle is tested against: the samples of some rows of a face, and their answers. Arrays of
@@ -20,8 +23,10 @@ struct WalkTask {
   int row_begin = 0, row_end = 0;  ///< Of cells: samples elsewhere are left alone.
   float v_min = 0, v_max = 0;      ///< Enclose the samples in these rows.
   Search search = Search::kGrid;
-  const uint32_t* cell_start = nullptr;  ///< Of samples.
-  uint32_t end_sample = 0;               ///< Of these rows; what follows, up to the next cell, is a gap.
+  const uint32_t* cell_start = nullptr;       ///< Of samples.
+  uint32_t first_sample = 0, end_sample = 0;  ///< Of these rows; what follows, up to the next cell, is a gap.
+  /// Of samples kSamplesOfDepth * i and so on: no live one, which no caster blocks for certain, is deeper.
+  const float* farthest_live = nullptr;
   const std::vector<BspNode>* bsp = nullptr;
   SampleArrays samples;
   uint32_t* shadow = nullptr;         ///< Bit per sample: a caster certainly blocks it.

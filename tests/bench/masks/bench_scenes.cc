@@ -5,15 +5,17 @@
 #include <numbers>
 #include <random>
 
+#include "core/scene/procedural.h"
+
 namespace shadowfit::bench {
 namespace {
 
 using std::numbers::pi;
 
-CameraMatrices LookAt(const glm::dvec3& eye, const glm::dvec3& target, double vertical_degrees,
-                      double aspect) {
+CameraMatrices LookAt(const glm::dvec3& eye, const glm::dvec3& target, double vertical_degrees, double aspect,
+                      const glm::dvec3& up = glm::dvec3(0, 1, 0)) {
   CameraMatrices camera;
-  camera.view_from_world = glm::lookAt(eye, target, glm::dvec3(0, 1, 0));
+  camera.view_from_world = glm::lookAt(eye, target, up);
   camera.clip_from_view = glm::perspective(glm::radians(vertical_degrees), aspect, 0.1, 100.0);
   return camera;
 }
@@ -144,6 +146,26 @@ BenchScene HairBall(int hairs) {
   AddMesh(std::move(mesh), &bench.scene);
   bench.camera = LookAt({0, 4.5, 8.5}, {0, 2.6, 0}, 45.0, 1536.0 / 1088.0);
   bench.light.ws_position = {4, 12, 5};
+  return bench;
+}
+
+BenchScene Plaza() {
+  BenchScene bench;
+  bench.name = "plaza";
+  bench.scene = MakePlaza().value();
+  const StandPoint stand = PlazaStandPoint();
+  bench.camera = LookAt(stand.ws_eye, stand.ws_target, 45.0, 1024.0 / 768.0, glm::dvec3(0, 0, 1));
+  bench.light.ws_position = {5, -4, 14};
+  return bench;
+}
+
+BenchScene Hall() {
+  BenchScene bench;
+  bench.name = "hall";
+  bench.scene = MakeHall().value();
+  const StandPoint stand = HallStandPoint();
+  bench.camera = LookAt(stand.ws_eye, stand.ws_target, 60.0, 1024.0 / 768.0, glm::dvec3(0, 0, 1));
+  bench.light.ws_position = {2, 1, 6};
   return bench;
 }
 

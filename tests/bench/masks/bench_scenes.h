@@ -25,4 +25,9 @@ BenchScene Terrain(int cells);
 /// Hairs of 576 triangles each, at 10 % opacity, over a floor.
 BenchScene HairBall(int hairs);
 
+/// The built-in plaza of TR-07-07's size under a lamp above its middle, and the built-in hall, lit from
+/// inside.
+BenchScene Plaza();
+BenchScene Hall();
+
 }  // namespace shadowfit::bench

@@ -287,14 +287,14 @@ double Run(const BenchScene& bench, const Options& options, int threads, const R
 
 int main(int argc, char** argv) {
   CLI::App app("Alias-free masks against Embree's shadow rays");
-  std::vector<std::string> scenes{"1k", "10k", "100k", "1m", "terrain", "hair"};
+  std::vector<std::string> scenes{"1k", "10k", "100k", "1m", "terrain", "hair", "plaza", "hall"};
   shadowfit::bench::Options options;
   int threads = 2;
   bool scaling = false;
   app.add_flag("--scaling", scaling, "Time over 1 K to 4 M triangles and 0.2 to 8 M samples");
-  app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair")
+  app.add_option("--scenes", scenes, "1k, 10k, 100k, 1m, 4m, terrain, hair, plaza, hall")
       ->delimiter(',')
-      ->check(CLI::IsMember({"1k", "10k", "100k", "1m", "4m", "terrain", "hair"}));
+      ->check(CLI::IsMember({"1k", "10k", "100k", "1m", "4m", "terrain", "hair", "plaza", "hall"}));
   app.add_option("--repeats", options.repeats)->check(CLI::Range(1, 1000));
   app.add_option("--threads", threads)->check(CLI::Range(1, 256));
   app.add_flag("!--no-bsp", options.bsp, "Not the paper's hierarchy, once a scene");
@@ -335,6 +335,8 @@ int main(int argc, char** argv) {
                              : name == "1m"      ? RandomTriangles(1000000)
                              : name == "4m"      ? RandomTriangles(4000000)
                              : name == "terrain" ? Terrain(700)
+                             : name == "plaza"   ? Plaza()
+                             : name == "hall"    ? Hall()
                                                  : HairBall(5000);
     Run(bench, options, threads, roofs);
   }

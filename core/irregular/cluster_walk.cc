@@ -1,0 +1,60 @@
+#include "core/irregular/cluster_walk.h"
+
+#include <algorithm>
+#include <numeric>
+
+namespace shadowfit::irregular {
+namespace {
+
+/// Clusters that are selected together, and those between two looks at the cancellation.
+constexpr size_t kSelected = 1024;
+constexpr size_t kClustersOfPoll = 64;
+/// One look at the depths of all samples costs less than so many samples' worth of clusters.
+constexpr size_t kSamplesOfCluster = 64;
+
+}  // namespace
+
+bool ClusterWalk::Run(WalkTask task, const BoxArrays& boxes, const CasterInput& casters) {
+  const bool culls = task.search == Search::kGrid;
+  if (culls && !Reserve(task.end_sample - task.first_sample)) return false;
+  const size_t period = (task.end_sample - task.first_sample) / kSamplesOfCluster + kClustersOfPoll;
+  size_t walked = 0, next_update = 0;
+  size_t segment_begin = 0;
+  for (const CasterSegment& segment : casters.segments) {
+    const size_t segment_end = segment_begin + segment.clusters.size();
+    for (size_t begin = segment_begin; begin < segment_end; begin += kSelected) {
+      uint32_t selected[kSelected + kPadding];
+      const size_t end = std::min(segment_end, begin + kSelected);
+      size_t chosen = end - begin;
+      if (task.search == Search::kExhaustive) {
+        std::iota(selected, selected + chosen, static_cast<uint32_t>(begin));
+      } else {
+        chosen = SelectBoxes(boxes, task, begin, end, selected);
+      }
+      for (size_t i = 0; i < chosen; ++i) {
+        if (i % kClustersOfPoll == 0 && task.Cancelled()) return true;
+        const MaskScene::Cluster& cluster = segment.clusters[selected[i] - segment_begin];
+        const Caster& caster = casters.casters[cluster.material];
+        if (!caster.casts) continue;
+        if (culls) {
+          if (walked == next_update) {
+            live_.Update(&task);
+            next_update += period;
+          }
+          if (!ReachesLiveSamples(task, boxes, selected[i])) continue;
+        }
+        ++walked;
+        CasterBlocks blocks;
+        blocks.geometry = segment.geometry + size_t{cluster.first_block} * kBlockFloats;
+        blocks.uvs = cluster.first_uv < 0 ? nullptr : casters.uvs->data() + cluster.first_uv;
+        blocks.count = cluster.block_count;
+        blocks.caster = &caster;
+        WalkTriangles(task, blocks);
+      }
+    }
+    segment_begin = segment_end;
+  }
+  return true;
+}
+
+}  // namespace shadowfit::irregular

@@ -1,0 +1,80 @@
+#include "core/irregular/live_depths.h"
+
+#include <algorithm>
+#include <limits>
+
+// AVX-512, AVX2, and SSE4 for what is older.
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/irregular/live_depths.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "core/irregular/simd.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::irregular {
+namespace HWY_NAMESPACE {
+
+void UpdateImpl(const WalkTask& task, float* farthest) {
+  const VF nothing = hn::Set(df, -kInfinity);
+  for (uint32_t s = task.first_sample; s < task.end_sample;) {
+    const uint32_t chunk = s / kSamplesOfDepth;
+    const uint32_t end = std::min((chunk + 1) * kSamplesOfDepth, task.end_sample);
+    VF most = nothing;
+    for (; s < end; s += kLanes) {
+      const MF live = LanesOf(FirstBits(end - s) & ~BitsAt(task.shadow, s));
+      most = hn::Max(most, hn::IfThenElse(live, hn::LoadU(df, task.samples.depth + s), nothing));
+    }
+    s = end;
+    farthest[chunk] = hn::GetLane(hn::MaxOfLanes(df, most));
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace shadowfit::irregular
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace shadowfit::irregular {
+
+HWY_EXPORT(UpdateImpl);
+
+bool LiveDepths::Reserve(size_t samples) { return farthest_.Reserve(samples / kSamplesOfDepth + 2); }
+
+void LiveDepths::Update(WalkTask* task) {
+  float* const farthest = farthest_.data() - task->first_sample / kSamplesOfDepth;
+  HWY_DYNAMIC_DISPATCH(UpdateImpl)(*task, farthest);
+  task->farthest_live = farthest;
+}
+
+bool ReachesLiveSamples(const WalkTask& task, const BoxArrays& boxes, size_t box) {
+  const Face& face = *task.face;
+  const float nearest = boxes.nearest[box];
+  // Cells by the arithmetic that samples find theirs by, which is monotonic.
+  const auto clamped = [](float value, int most) {
+    return static_cast<size_t>(std::min(std::max(value, 0.0f), static_cast<float>(most)));
+  };
+  const auto row_of = [&](float v) {
+    const int last_bin = static_cast<int>(face.row_of_bin.size()) - 1;
+    return face.row_of_bin[clamped((v - face.v_origin) * face.v_scale, last_bin)].number;
+  };
+  const int row_end = std::min(row_of(boxes.v_max[box]) + 1, task.row_end);
+  for (int i = std::max(row_of(boxes.v_min[box]), task.row_begin); i < row_end; ++i) {
+    const Row& row = face.row_of_bin[static_cast<size_t>(face.first_bin_of_row[static_cast<size_t>(i)])];
+    const auto cell_of = [&](float u) {
+      return face.first_cell + static_cast<size_t>(row.first_cell) +
+             clamped((u - row.u_origin) * row.u_scale, face.columns - 1);
+    };
+    const uint32_t first = task.cell_start[cell_of(boxes.u_min[box])];
+    const uint32_t end = std::min(task.cell_start[cell_of(boxes.u_max[box]) + 1], task.end_sample);
+    if (first >= end) continue;
+    for (uint32_t chunk = first / kSamplesOfDepth; chunk <= (end - 1) / kSamplesOfDepth; ++chunk) {
+      if (task.farthest_live[chunk] >= nearest) return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace shadowfit::irregular
+#endif  // HWY_ONCE
