@@ -219,16 +219,18 @@ void PieceRenderer::SetUpFaces(const LightPlan& plan, const SampleCounts& counts
   }
 }
 
-/// Rows hold about equally many samples, and so do bands.
+/// Rows hold about equally many samples, and so do bands. There are no more of them for a light of six faces:
+/// clusters that two bands share are walked for both.
 void PieceRenderer::CutIntoBands(const LightPlan& plan, bool share_work) {
   bands_.clear();
   for (int f = 0; f < plan.face_count; ++f) {
     const Face& face = faces_[static_cast<size_t>(f)];
     const double cells = static_cast<double>(face.rows) * face.columns;
-    const double samples = cells / static_cast<double>(cells_) * static_cast<double>(pixels_);
-    const int most = std::min(kBandsPerThread * tbb::this_task_arena::max_concurrency(), face.rows / 4);
+    const double share = cells / static_cast<double>(cells_);
+    const double wanted = std::min(share * kBandsPerThread * tbb::this_task_arena::max_concurrency(),
+                                   share * static_cast<double>(pixels_) / kLeastOfBand);
     const int count =
-        share_work ? std::clamp(static_cast<int>(samples / kLeastOfBand), 1, std::max(most, 1)) : 1;
+        share_work ? std::clamp(static_cast<int>(std::ceil(wanted)), 1, std::max(face.rows / 4, 1)) : 1;
     for (int band = 0; band < count; ++band) {
       const int begin = face.rows * band / count, end = face.rows * (band + 1) / count;
       bands_.push_back({f, begin, end, face.first_cell + static_cast<uint32_t>(begin * face.columns),

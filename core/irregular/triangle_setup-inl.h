@@ -46,23 +46,33 @@ struct Corner {
   VF r[3];
 };
 
-/// Corners in single precision, for bounds. The difference to the origin is taken to nearly twice single
-/// precision before it is rounded, so that the error is relative to the distance from the light.
-HWY_INLINE void TransformBlock(const LightFrame& frame, const Face& face, const float* geometry, int offset,
-                               Corner corners[3]) {
+/// A face's coordinates in single precision, which bounds suffice with.
+struct FaceFrame {
+  float origin[3], origin_rest[3];  ///< Together to nearly twice single precision.
+  float rotation[3][3];
+
+  FaceFrame(const LightFrame& frame, const Face& face) {
+    for (int i = 0; i < 3; ++i) {
+      origin[i] = static_cast<float>(frame.ws_origin[i]);
+      origin_rest[i] = static_cast<float>(frame.ws_origin[i] - static_cast<double>(origin[i]));
+      for (int row = 0; row < 3; ++row) rotation[row][i] = static_cast<float>(face.rotation[row][i]);
+    }
+  }
+};
+
+/// Corners in single precision. The difference to the origin is rounded only after it has been taken, so that
+/// the error is relative to the distance from the light.
+HWY_INLINE void TransformBlock(const FaceFrame& frame, const float* geometry, int offset, Corner corners[3]) {
   for (int corner = 0; corner < 3; ++corner) {
     VF t[3];
     for (int i = 0; i < 3; ++i) {
-      const float high = static_cast<float>(frame.ws_origin[i]);
-      const auto low = static_cast<float>(frame.ws_origin[i] - static_cast<double>(high));
       const VF x = hn::Load(df, geometry + (3 * corner + i) * kBlock + offset);
-      t[i] = hn::Sub(hn::Sub(x, hn::Set(df, high)), hn::Set(df, low));
+      t[i] = hn::Sub(hn::Sub(x, hn::Set(df, frame.origin[i])), hn::Set(df, frame.origin_rest[i]));
     }
     for (int row = 0; row < 3; ++row) {
-      const double* m = face.rotation[row];
-      corners[corner].r[row] = hn::MulAdd(hn::Set(df, static_cast<float>(m[0])), t[0],
-                                          hn::MulAdd(hn::Set(df, static_cast<float>(m[1])), t[1],
-                                                     hn::Mul(hn::Set(df, static_cast<float>(m[2])), t[2])));
+      const float* m = frame.rotation[row];
+      corners[corner].r[row] = hn::MulAdd(
+          hn::Set(df, m[0]), t[0], hn::MulAdd(hn::Set(df, m[1]), t[1], hn::Mul(hn::Set(df, m[2]), t[2])));
     }
   }
 }

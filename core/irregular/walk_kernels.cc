@@ -87,7 +87,8 @@ HWY_INLINE VF SpreadBound(const Projection& p, VF unit, VF roundoff) {
 }
 
 template <bool kDirectional>
-void WalkLanes(const WalkTask& state, const CasterBlocks& blocks, size_t block, int offset) {
+void WalkLanes(const WalkTask& state, const FaceFrame& frame, const CasterBlocks& blocks, size_t block,
+               int offset) {
   const float* geometry = blocks.geometry + block * kBlockFloats;
   const float* uv = blocks.uvs == nullptr ? nullptr : blocks.uvs + block * 6 * kBlock;
   const bool exhaustive = state.search == Search::kExhaustive;
@@ -95,7 +96,7 @@ void WalkLanes(const WalkTask& state, const CasterBlocks& blocks, size_t block, 
 
   // 1. Plane coordinates of the corners, and which triangles can be bounded by them.
   Corner corners[3];
-  TransformBlock(*state.frame, face, geometry, offset, corners);
+  TransformBlock(frame, geometry, offset, corners);
   const Projection p = Project<kDirectional>(corners);
   const VF reach_u = hn::Max(hn::Abs(p.u_low), hn::Abs(p.u_high));
   const VF reach_v = hn::Max(hn::Abs(p.v_low), hn::Abs(p.v_high));
@@ -230,12 +231,13 @@ size_t SelectBoxesImpl(const BoxArrays& boxes, const WalkTask& task, size_t begi
 }
 
 void WalkTrianglesImpl(const WalkTask& task, const CasterBlocks& blocks) {
+  const FaceFrame frame(*task.frame, *task.face);
   for (size_t block = 0; block < blocks.count; ++block) {
     for (int offset = 0; offset < kBlock; offset += kLanes) {
       if (task.frame->directional) {
-        WalkLanes<true>(task, blocks, block, offset);
+        WalkLanes<true>(task, frame, blocks, block, offset);
       } else {
-        WalkLanes<false>(task, blocks, block, offset);
+        WalkLanes<false>(task, frame, blocks, block, offset);
       }
     }
   }
