@@ -30,8 +30,10 @@ Box BoxOf(const LightFrame& frame, const Face& face, double widest, const MaskSc
     least[row] = at - reach - slack;
     most[row] = at + reach + slack;
   }
-  constexpr Box kNone = {kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
+  double u[2] = {least[0], most[0]}, v[2] = {least[1], most[1]};
+  double nearest = least[2];
   if (!frame.directional) {
+    constexpr Box kNone = {kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
     if (!(most[2] > 0.0)) return kNone;
     // Beyond a side of the pyramid that holds the samples' rays, by as much as the slack below at its edge?
     const double margin = 6e-4 * (1.0 + 2.0 * widest * widest) * most[2];
@@ -46,10 +48,6 @@ Box BoxOf(const LightFrame& frame, const Face& face, double widest, const MaskSc
         if (at - reach > margin) return kNone;
       }
     }
-  }
-  double u[2] = {least[0], most[0]}, v[2] = {least[1], most[1]};
-  double nearest = least[2];
-  if (!frame.directional) {
     if (!(least[2] > 1e-3 * most[2])) return {-kInfinity, -kInfinity, kInfinity, kInfinity, -kInfinity};
     for (double* x : {u, v}) {
       x[0] /= x[0] < 0.0 ? least[2] : most[2];

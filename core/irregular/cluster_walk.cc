@@ -9,15 +9,16 @@ namespace {
 /// Clusters that are selected together, and those between two looks at the cancellation.
 constexpr size_t kSelected = 1024;
 constexpr size_t kClustersOfPoll = 64;
-/// One look at the depths of all samples costs less than so many samples' worth of clusters.
+/// After a cluster for each so many samples, and some more, it costs little to look at all depths again.
 constexpr size_t kSamplesOfCluster = 64;
+constexpr size_t kLeastClusters = 64;
 
 }  // namespace
 
 bool ClusterWalk::Run(WalkTask task, const BoxArrays& boxes, const CasterInput& casters) {
   const bool culls = task.search == Search::kGrid;
   if (culls && !Reserve(task.end_sample - task.first_sample)) return false;
-  const size_t period = (task.end_sample - task.first_sample) / kSamplesOfCluster + kClustersOfPoll;
+  const size_t period = (task.end_sample - task.first_sample) / kSamplesOfCluster + kLeastClusters;
   size_t walked = 0, next_update = 0;
   size_t segment_begin = 0;
   for (const CasterSegment& segment : casters.segments) {

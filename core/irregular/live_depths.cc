@@ -51,23 +51,11 @@ void LiveDepths::Update(WalkTask* task) {
 bool ReachesLiveSamples(const WalkTask& task, const BoxArrays& boxes, size_t box) {
   const Face& face = *task.face;
   const float nearest = boxes.nearest[box];
-  // Cells by the arithmetic that samples find theirs by, which is monotonic.
-  const auto clamped = [](float value, int most) {
-    return static_cast<size_t>(std::min(std::max(value, 0.0f), static_cast<float>(most)));
-  };
-  const auto row_of = [&](float v) {
-    const int last_bin = static_cast<int>(face.row_of_bin.size()) - 1;
-    return face.row_of_bin[clamped((v - face.v_origin) * face.v_scale, last_bin)].number;
-  };
-  const int row_end = std::min(row_of(boxes.v_max[box]) + 1, task.row_end);
-  for (int i = std::max(row_of(boxes.v_min[box]), task.row_begin); i < row_end; ++i) {
+  const int row_end = std::min(face.RowAt(boxes.v_max[box]).number + 1, task.row_end);
+  for (int i = std::max(face.RowAt(boxes.v_min[box]).number, task.row_begin); i < row_end; ++i) {
     const Row& row = face.row_of_bin[static_cast<size_t>(face.first_bin_of_row[static_cast<size_t>(i)])];
-    const auto cell_of = [&](float u) {
-      return face.first_cell + static_cast<size_t>(row.first_cell) +
-             clamped((u - row.u_origin) * row.u_scale, face.columns - 1);
-    };
-    const uint32_t first = task.cell_start[cell_of(boxes.u_min[box])];
-    const uint32_t end = std::min(task.cell_start[cell_of(boxes.u_max[box]) + 1], task.end_sample);
+    const uint32_t first = task.cell_start[face.CellAt(row, boxes.u_min[box])];
+    const uint32_t end = std::min(task.cell_start[face.CellAt(row, boxes.u_max[box]) + 1], task.end_sample);
     if (first >= end) continue;
     for (uint32_t chunk = first / kSamplesOfDepth; chunk <= (end - 1) / kSamplesOfDepth; ++chunk) {
       if (task.farthest_live[chunk] >= nearest) return true;

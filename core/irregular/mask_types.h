@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -57,6 +58,20 @@ struct Face {
   uint32_t first_sample = 0, end_sample = 0;
 
   bool HasSamples() const { return farthest > -std::numeric_limits<float>::infinity(); }
+
+  // Samples and triangles find their cells by the same arithmetic, here and in simd.h, which is monotonic in
+  // u and in v: rounding cannot part them.
+  size_t BinAt(float v) const { return Clamped((v - v_origin) * v_scale, row_of_bin.size() - 1); }
+  const Row& RowAt(float v) const { return row_of_bin[BinAt(v)]; }
+  uint32_t CellAt(const Row& row, float u) const {
+    const size_t column = Clamped((u - row.u_origin) * row.u_scale, static_cast<size_t>(columns) - 1);
+    return first_cell + static_cast<uint32_t>(row.first_cell) + static_cast<uint32_t>(column);
+  }
+
+ private:
+  static size_t Clamped(float value, size_t most) {
+    return static_cast<size_t>(std::min(std::max(value, 0.0f), static_cast<float>(most)));
+  }
 };
 
 /// A sample in plane coordinates of its face.

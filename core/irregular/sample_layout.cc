@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <tuple>
+#include <utility>
 
 namespace shadowfit::irregular {
 namespace {
@@ -108,12 +111,15 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
   face->v_origin = uv.empty() ? 0.0f : face->v_min;
   const float height = uv.empty() ? 0.0f : face->v_max - face->v_min;
   face->v_scale = height > 0.0f ? std::min(static_cast<float>(bins) / height, 1e30f) : 0.0f;
-  face->row_of_bin.assign(static_cast<size_t>(bins), Row{});
-  const auto bin_of = [face, bins](float v) {
-    const float bin = (v - face->v_origin) * face->v_scale;
-    return static_cast<size_t>(std::clamp(bin, 0.0f, static_cast<float>(bins - 1)));
-  };
-  for (const glm::vec2& p : uv) ++face->row_of_bin[bin_of(p.y)].number;
+  // Until the rows are known: how many samples, and their least and largest u.
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  face->row_of_bin.assign(static_cast<size_t>(bins), Row{0, 0, kInfinity, -kInfinity});
+  for (const glm::vec2& p : uv) {
+    Row& bin = face->row_of_bin[face->BinAt(p.y)];
+    ++bin.number;
+    bin.u_origin = std::min(bin.u_origin, p.x);
+    bin.u_scale = std::max(bin.u_scale, p.x);
+  }
   const double quota = std::max(static_cast<double>(uv.size()) / wanted_rows, 1.0);
   double taken = 0.0;
   int row = 0;
@@ -129,8 +135,7 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
   };
   face->row_v_low.push_back(-std::numeric_limits<float>::infinity());
   for (int bin = 0; bin < bins; ++bin) {
-    Row& row_of_bin = face->row_of_bin[static_cast<size_t>(bin)];
-    const double population = row_of_bin.number;
+    const double population = face->row_of_bin[static_cast<size_t>(bin)].number;
     if (taken > 0.0 && taken + 0.5 * population > quota && face->v_scale > 0.0f) {
       ++row;
       taken = 0.0;
@@ -139,7 +144,6 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
       face->row_v_low.push_back(border(bin).first);
     }
     taken += population;
-    row_of_bin.number = row;
   }
   face->first_bin_of_row.push_back(bins);
   face->row_v_high.push_back(std::numeric_limits<float>::infinity());
@@ -149,29 +153,26 @@ void PlanFace(std::span<const glm::vec2> uv, double samples, Face* face) {
   face->row_v_high.resize(padded_rows, std::numeric_limits<float>::infinity());
 
   // 2. Each row's range of u, a little wider than its typical samples.
-  struct Range {
-    float low = std::numeric_limits<float>::infinity(), high = -std::numeric_limits<float>::infinity();
-
-    void Add(float u) {
-      low = std::min(low, u);
-      high = std::max(high, u);
+  const auto range_of = [face](int first_bin, int end_bin) {
+    float low = kInfinity, high = -kInfinity;
+    for (int bin = first_bin; bin < end_bin; ++bin) {
+      low = std::min(low, face->row_of_bin[static_cast<size_t>(bin)].u_origin);
+      high = std::max(high, face->row_of_bin[static_cast<size_t>(bin)].u_scale);
     }
+    return std::pair(low, high);
   };
-  std::vector<Range> ranges(static_cast<size_t>(face->rows));
-  Range all;
-  for (const glm::vec2& p : uv) {
-    ranges[static_cast<size_t>(face->row_of_bin[bin_of(p.y)].number)].Add(p.x);
-    all.Add(p.x);
-  }
+  auto all = range_of(0, bins);
   if (uv.empty()) all = {0.0f, 0.0f};
-  const float least_width = std::max((all.high - all.low) / 64.0f, 1e-30f);
-  for (Row& r : face->row_of_bin) {
-    const Range& own = ranges[static_cast<size_t>(r.number)];
-    const Range& range = own.low <= own.high ? own : all;
-    const float width = std::max(range.high - range.low, least_width);
-    r.first_cell = r.number * face->columns;
-    r.u_origin = range.low - width / 32.0f;
-    r.u_scale = static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f));
+  const float least_width = std::max((all.second - all.first) / 64.0f, 1e-30f);
+  for (int r = 0; r < face->rows; ++r) {
+    const int first_bin = face->first_bin_of_row[static_cast<size_t>(r)];
+    const int end_bin = face->first_bin_of_row[static_cast<size_t>(r) + 1];
+    auto [low, high] = range_of(first_bin, end_bin);
+    if (!(low <= high)) std::tie(low, high) = all;
+    const float width = std::max(high - low, least_width);
+    const Row row = {r, r * face->columns, low - width / 32.0f,
+                     static_cast<float>(face->columns) / (width * (1.0f + 2.0f / 32.0f))};
+    std::fill(face->row_of_bin.begin() + first_bin, face->row_of_bin.begin() + end_bin, row);
   }
 }
 

@@ -109,8 +109,8 @@ class RunQueue {
 /// the extremes are at corners inside it and where edges cross its two borders.
 HWY_NOINLINE void TestRows(const WalkTask& task, int triangle, const Outline& o, RunQueue* queue) {
   const Face& face = *task.face;
-  const int row_begin = std::max(ScalarRow(face, o.v_min - o.pad), task.row_begin);
-  const int row_end = std::min(ScalarRow(face, o.v_max + o.pad) + 1, task.row_end);
+  const int row_begin = std::max(face.RowAt(o.v_min - o.pad).number, task.row_begin);
+  const int row_end = std::min(face.RowAt(o.v_max + o.pad).number + 1, task.row_end);
   struct Edge {
     float u, v, v_end, slope;
   };

@@ -77,10 +77,6 @@ HWY_INLINE VI ClampedInt(VF value, int limit) {
   return hn::ConvertTo(di, hn::Min(hn::Max(value, hn::Zero(df)), hn::Set(df, static_cast<float>(limit))));
 }
 
-HWY_INLINE int ScalarClampedInt(float value, int limit) {
-  return static_cast<int>(std::min(std::max(value, 0.0f), static_cast<float>(limit)));
-}
-
 /// What is in each block of four lanes changes places: of four vectors, one with the first lanes of all, and
 /// so on.
 HWY_INLINE void TransposeBlocks(VF rows[4]) {
@@ -112,18 +108,10 @@ HWY_INLINE hn::Vec<D> EveryFourth(D d, const float* fours, const uint32_t* index
   }
 }
 
-// Samples and triangles find their cells by the same arithmetic, which is monotonic in u and in v: rounding
-// cannot part them.
-
+/// See Face::BinAt.
 HWY_INLINE VI BinOf(const Face& face, VF v) {
   const VF bin = hn::Mul(hn::Sub(v, hn::Set(df, face.v_origin)), hn::Set(df, face.v_scale));
   return ClampedInt(bin, static_cast<int>(face.row_of_bin.size()) - 1);
-}
-
-HWY_INLINE int ScalarRow(const Face& face, float v) {
-  const float bin = (v - face.v_origin) * face.v_scale;
-  const int last = static_cast<int>(face.row_of_bin.size()) - 1;
-  return face.row_of_bin[static_cast<size_t>(ScalarClampedInt(bin, last))].number;
 }
 
 /// Rows of some bins.
