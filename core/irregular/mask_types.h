@@ -69,8 +69,9 @@ struct Face {
   }
 
  private:
+  /// Zero for NaN, which is what an infinite box comes to where v_scale is zero.
   static size_t Clamped(float value, size_t most) {
-    return static_cast<size_t>(std::min(std::max(value, 0.0f), static_cast<float>(most)));
+    return static_cast<size_t>(std::min(std::max(0.0f, value), static_cast<float>(most)));
   }
 };
 

@@ -170,6 +170,29 @@ TEST(ShadowMasks, AwkwardTrianglesCrossBands) {
   brute_force.ExpectManyDecided();
 }
 
+TEST(ShadowMasks, OneSampleUnderATriangleAllAroundTheLight) {
+  // No extent to cut rows of, and a caster that the light's plane of every face crosses.
+  Scene scene;
+  scene.materials.emplace_back();
+  Mesh& mesh = scene.meshes.emplace_back();
+  mesh.positions = {{-50, -40, 1}, {60, -40, 1}, {0, 70, 1}};
+  mesh.triangles = {{0, 1, 2}};
+  scene.instances.emplace_back().mesh = 0;
+  const auto mask_scene = MaskScene::Create(scene);
+  ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
+  MaskRenderer renderer;
+  for (const double light_z : {1.0 + 1e-7, 1.5, 30.0}) {
+    for (const glm::vec3& point : {glm::vec3(0, 0, 0), glm::vec3(3, -2, 0.5f)}) {
+      const Light light = PointLight{{0.5, 0.25, light_z}};
+      for (const MaskPieces pieces : {MaskPieces::kSmall, MaskPieces::kFrame}) {
+        const Rendered rendered =
+            RenderPoints(&renderer, *mask_scene, {point}, 1, light, MaskMethod::kGrid, pieces);
+        EXPECT_EQ(rendered.in_shadow, std::vector<bool>{true}) << light_z;
+      }
+    }
+  }
+}
+
 TEST(ShadowMasks, EveryMethodGivesTheSameBits) {
   RandomScenes scenes(11);
   MaskRenderer grid, bsp, exhaustive;
