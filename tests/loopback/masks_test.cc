@@ -26,7 +26,6 @@ namespace shadowfit {
 namespace {
 
 using ::testing::HasSubstr;
-using ::testing::StartsWith;
 using namespace std::chrono_literals;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
