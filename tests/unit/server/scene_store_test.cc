@@ -10,7 +10,6 @@
 namespace shadowfit {
 namespace {
 
-using ::testing::HasSubstr;
 
 std::string Digest(char c) { return std::string(64, c); }
 
