@@ -4,6 +4,8 @@
 #include <glm/gtc/matrix_transform.hpp>
 #include <numbers>
 #include <random>
+#include <string>
+#include <utility>
 
 #include "core/scene/procedural.h"
 
@@ -31,6 +33,16 @@ Mesh Floor(float size) {
   mesh.positions = {{-size, 0, -size}, {size, 0, -size}, {size, 0, size}, {-size, 0, size}};
   mesh.triangles = {{0, 2, 1}, {0, 3, 2}};
   return mesh;
+}
+
+BenchScene GeneratedScene(const std::string& name, Scene scene, const StandPoint& stand,
+                          double vertical_degrees, const glm::dvec3& ws_light) {
+  BenchScene bench;
+  bench.name = name;
+  bench.scene = std::move(scene);
+  bench.camera = LookAt(stand.ws_eye, stand.ws_target, vertical_degrees, 1024.0 / 768.0, glm::dvec3(0, 0, 1));
+  bench.light.ws_position = ws_light;
+  return bench;
 }
 
 }  // namespace
@@ -150,23 +162,9 @@ BenchScene HairBall(int hairs) {
 }
 
 BenchScene Plaza() {
-  BenchScene bench;
-  bench.name = "plaza";
-  bench.scene = MakePlaza().value();
-  const StandPoint stand = PlazaStandPoint();
-  bench.camera = LookAt(stand.ws_eye, stand.ws_target, 45.0, 1024.0 / 768.0, glm::dvec3(0, 0, 1));
-  bench.light.ws_position = {5, -4, 14};
-  return bench;
+  return GeneratedScene("plaza", MakePlaza().value(), PlazaStandPoint(), 45.0, {5, -4, 14});
 }
 
-BenchScene Hall() {
-  BenchScene bench;
-  bench.name = "hall";
-  bench.scene = MakeHall().value();
-  const StandPoint stand = HallStandPoint();
-  bench.camera = LookAt(stand.ws_eye, stand.ws_target, 60.0, 1024.0 / 768.0, glm::dvec3(0, 0, 1));
-  bench.light.ws_position = {2, 1, 6};
-  return bench;
-}
+BenchScene Hall() { return GeneratedScene("hall", MakeHall().value(), HallStandPoint(), 60.0, {2, 1, 6}); }
 
 }  // namespace shadowfit::bench
