@@ -519,15 +519,14 @@ TEST(ShadowMasks, AnyNumberOfThreadsGivesTheSameBits) {
 }
 
 TEST(ShadowMasks, EveryInstructionSetGivesTheBitsOfTheExhaustiveTest) {
-  const View view = FloorView(3000);
+  const View view = FloorView(1500);
   const auto scene = MaskScene::Create(view.scene);
   ASSERT_TRUE(scene.ok()) << scene.status();
   ReceiverLayer layer;
   layer.depth = BottomFirst(view.depth.data(), view.width, view.height);
   const std::vector<Light> lights = {PointLight{{2, 1, 8}}, PointLight{{1, -2, 0.3}},
                                      DirectionalLight{{0.3, 0.2, -1}}};
-  int sets = 0;
-  for (int64_t targets = hwy::SupportedTargets(); targets != 0; targets &= targets - 1, ++sets) {
+  for (int64_t targets = hwy::SupportedTargets(); targets != 0; targets &= targets - 1) {
     // Lower bits are better targets.
     hwy::SetSupportedTargetsForTest(targets);
     std::vector<std::vector<uint8_t>> expected;
@@ -550,7 +549,6 @@ TEST(ShadowMasks, EveryInstructionSetGivesTheBitsOfTheExhaustiveTest) {
     }
   }
   hwy::SetSupportedTargetsForTest(0);
-  EXPECT_GE(sets, 1);
 }
 
 TEST(ShadowMasks, LayersAndStridesAddressTheSamePixels) {
