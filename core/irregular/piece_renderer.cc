@@ -29,7 +29,7 @@ constexpr size_t kPlanStep = 16;
 constexpr size_t kMostChunks = 8;
 /// Bands of each thread, enough to balance, few enough for most triangles to lie in one; and the least that a
 /// band should hold.
-constexpr int kBandsPerThread = 4;
+constexpr int kBandsPerThread = 8;
 constexpr double kLeastOfBand = 1 << 13;
 /// A band starts at a word of answers, after a word that is nobody's: vectors reach beyond the end of a run.
 constexpr uint32_t kWordBits = 32;
