@@ -300,8 +300,9 @@ int main(int argc, char** argv) {
   app.add_flag("!--no-bsp", options.bsp, "Not the paper's hierarchy, once a scene");
   app.add_flag("!--no-embree", options.embree, "Only the masks");
   app.add_flag("!--no-avx2", options.avx2, "Only the best instruction set");
-  app.add_flag("--cpu", shadowfit::bench::measure_cpu,
-               "Processor time of all threads instead of elapsed time");
+  app.add_flag(
+      "--cpu", shadowfit::bench::measure_cpu,
+      "Processor time of all threads instead of elapsed time; coarse where that is a few milliseconds");
   CLI11_PARSE(app, argc, argv);
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
                                     static_cast<size_t>(threads));
