@@ -11,6 +11,10 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
+/// By how much a direction may be off: plane coordinates by that times 1 + u^2 + v^2, and those of a
+/// directional light by that share of themselves.
+constexpr double kSlack = 6e-4;
+
 struct Box {
   float u_min, v_min, u_max, v_max, nearest;
 };
@@ -36,7 +40,7 @@ Box BoxOf(const LightFrame& frame, const Face& face, double widest, const MaskSc
     constexpr Box kNone = {kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
     if (!(most[2] > 0.0)) return kNone;
     // Beyond a side of the pyramid that holds the samples' rays, by as much as the slack below at its edge?
-    const double margin = 6e-4 * (1.0 + 2.0 * widest * widest) * most[2];
+    const double margin = kSlack * (1.0 + 2.0 * widest * widest) * most[2];
     for (int row = 0; row < 2; ++row) {
       for (const double sign : {-1.0, 1.0}) {
         double at = 0.0, reach = 0.0;
@@ -58,7 +62,7 @@ Box BoxOf(const LightFrame& frame, const Face& face, double widest, const MaskSc
   const double reach_u = std::max(std::abs(u[0]), std::abs(u[1]));
   const double reach_v = std::max(std::abs(v[0]), std::abs(v[1]));
   const double slack =
-      6e-4 * (frame.directional ? std::max(reach_u, reach_v) : 1.0 + reach_u * reach_u + reach_v * reach_v);
+      kSlack * (frame.directional ? std::max(reach_u, reach_v) : 1.0 + reach_u * reach_u + reach_v * reach_v);
   return {static_cast<float>(u[0] - slack), static_cast<float>(v[0] - slack),
           static_cast<float>(u[1] + slack), static_cast<float>(v[1] + slack), static_cast<float>(nearest)};
 }
@@ -80,8 +84,7 @@ bool CasterBoxes::Compute(std::span<const CasterSegment> segments, const LightPl
   for (const CasterSegment& segment : segments) {
     ForEachPiece(segment.clusters.size(), 256, [&](size_t begin, size_t end) {
       if (cancellation != nullptr && cancellation->Requested()) return;
-      // A cube's side, or what a single face may hold: see Fits() in sample_kernels.cc.
-      const double widest = plan.face_count == 1 ? 4.0 : 1.0;
+      const double widest = plan.face_count == 1 ? static_cast<double>(kWidestFace) : 1.0;
       for (int f = 0; f < plan.face_count; ++f) {
         float* const out = values_.data() + static_cast<size_t>(f) * 5 * stride_ + first;
         for (size_t i = begin; i < end; ++i) {

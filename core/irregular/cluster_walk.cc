@@ -15,10 +15,11 @@ constexpr size_t kLeastClusters = 64;
 
 }  // namespace
 
-bool ClusterWalk::Run(WalkTask task, const BoxArrays& boxes, const CasterInput& casters) {
+bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& casters, LiveDepths* depths) {
+  const size_t samples = task.end_sample - task.first_sample;
   const bool culls = task.search == Search::kGrid;
-  if (culls && !Reserve(task.end_sample - task.first_sample)) return false;
-  const size_t period = (task.end_sample - task.first_sample) / kSamplesOfCluster + kLeastClusters;
+  if (culls && !depths->Reserve(samples)) return false;
+  const size_t period = samples / kSamplesOfCluster + kLeastClusters;
   size_t walked = 0, next_update = 0;
   size_t segment_begin = 0;
   for (const CasterSegment& segment : casters.segments) {
@@ -39,7 +40,7 @@ bool ClusterWalk::Run(WalkTask task, const BoxArrays& boxes, const CasterInput& 
         if (!caster.casts) continue;
         if (culls) {
           if (walked == next_update) {
-            live_.Update(&task);
+            depths->Update(&task);
             next_update += period;
           }
           if (!ReachesLiveSamples(task, boxes, selected[i])) continue;

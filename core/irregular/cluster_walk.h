@@ -19,19 +19,9 @@ struct CasterInput {
 };
 
 /// Streams clusters of triangles over the samples of a band: those whose boxes overlap them and lie before
-/// some that may still be lit. Keeps its memory.
-class ClusterWalk {
- public:
-  /// Memory for a band of so many samples. False where it runs out.
-  [[nodiscard]] bool Reserve(size_t samples) { return live_.Reserve(samples); }
-
-  /// False where memory runs out. Incomplete once cancelled. `boxes` are those of the task's face.
-  [[nodiscard]] bool Run(WalkTask task, const BoxArrays& boxes, const CasterInput& casters);
-
-  size_t MemoryBytes() const { return live_.MemoryBytes(); }
-
- private:
-  LiveDepths live_;
-};
+/// some that may still be lit, which `depths` keeps. `boxes` are those of the task's face. False where memory
+/// runs out. Incomplete once cancelled.
+[[nodiscard]] bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& casters,
+                                LiveDepths* depths);
 
 }  // namespace shadowfit::irregular

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <limits>
 
-// AVX-512, AVX2, and SSE4 for what is older.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/irregular/live_depths.cc"
 #include <hwy/foreach_target.h>

@@ -18,6 +18,9 @@ inline constexpr int kBlockFloats = 9 * kBlock;
 /// Arrays that are read by vectors of any width are padded by so many elements.
 inline constexpr int kPadding = 16;
 
+/// A single face holds directions up to 75 degrees off its axis: |u| and |v| up to this.
+inline constexpr float kWidestFace = 4.0f;
+
 /// Half an ulp of 1 in single precision.
 inline constexpr float kUnitRoundoff = 0x1p-24f;
 

@@ -159,7 +159,7 @@ bool PieceRenderer::Reserve(const MaskRequest& request, const Piece& piece, bool
   // Of a band, if they are equal.
   const size_t band_samples = share_work ? capacity_ / (kBandsPerThread * threads) : capacity_;
   for (BandScratch& scratch : scratch_) {
-    if (!scratch.samples.Reserve(4 * (band_samples + kStagger)) || !scratch.walk.Reserve(band_samples)) {
+    if (!scratch.samples.Reserve(4 * (band_samples + kStagger)) || !scratch.depths.Reserve(band_samples)) {
       return false;
     }
   }
@@ -227,8 +227,9 @@ void PieceRenderer::CutIntoBands(const LightPlan& plan, bool share_work) {
     const Face& face = faces_[static_cast<size_t>(f)];
     const double cells = static_cast<double>(face.rows) * face.columns;
     const double share = cells / static_cast<double>(cells_);
-    const double wanted = std::min(share * kBandsPerThread * tbb::this_task_arena::max_concurrency(),
-                                   share * static_cast<double>(pixels_) / kLeastOfBand);
+    const double wanted =
+        share * std::min(static_cast<double>(kBandsPerThread * tbb::this_task_arena::max_concurrency()),
+                         static_cast<double>(pixels_) / kLeastOfBand);
     const int count =
         share_work ? std::clamp(static_cast<int>(std::ceil(wanted)), 1, std::max(face.rows / 4, 1)) : 1;
     for (int band = 0; band < count; ++band) {
@@ -374,7 +375,7 @@ bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, 
       std::fill(task.absorbance[channel] + first_sample, task.absorbance[channel] + end_sample, 0u);
     }
   }
-  return scratch.walk.Run(task, boxes.Of(band.face), casters);
+  return WalkClusters(task, boxes.Of(band.face), casters, &scratch.depths);
 }
 
 size_t PieceRenderer::CountUndecided() const {
@@ -517,7 +518,7 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
 size_t PieceRenderer::MemoryBytes() const {
   size_t bytes = 0;
   for (const BandScratch& scratch : scratch_)
-    bytes += scratch.samples.MemoryBytes() + scratch.walk.MemoryBytes();
+    bytes += scratch.samples.MemoryBytes() + scratch.depths.MemoryBytes();
   for (const Part& part : parts_) bytes += part.plan.capacity() * sizeof(PlanSample);
   return bytes + projected_.MemoryBytes() + face_of_.MemoryBytes() + present_.MemoryBytes() +
          facing_.MemoryBytes() + bits_.MemoryBytes() + place_.MemoryBytes() + order_.MemoryBytes() +

@@ -84,7 +84,7 @@ class PieceRenderer {
   /// Of a thread that handles one band after the other.
   struct BandScratch {
     AlignedBuffer<float> samples;
-    ClusterWalk walk;
+    LiveDepths depths;
   };
 
   static size_t LinesOfPart(const Piece& piece, bool share_work);

@@ -6,8 +6,6 @@
 #include <cstring>
 #include <limits>
 
-// AVX-512, AVX2, and SSE4 for what is older.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/irregular/sample_kernels.cc"
 #include <hwy/foreach_target.h>
@@ -156,10 +154,10 @@ HWY_INLINE Projected Project(bool directional, const Axes<kSingle>& axes, const 
 /// Of kLanes pixels: every fourth of their samples from the k-th on lie side by side. See SlotOf.
 HWY_INLINE float* SlotsOf(Sample* samples, size_t pixel, size_t k) { return &samples[SlotOf(pixel + k)].u; }
 
-/// A single face holds directions up to 75 degrees off its axis. Directional lights' samples all fit. Also
-/// false where a coordinate is not finite, or so large that squares and cross products would overflow.
+/// Within kWidestFace; directional lights' samples all fit. Also false where a coordinate is not finite, or
+/// so large that squares and cross products would overflow.
 HWY_INLINE MF Fits(bool directional, const Projected& p) {
-  const VF most = hn::Set(df, directional ? 1e17f : 4.0f);
+  const VF most = hn::Set(df, directional ? 1e17f : kWidestFace);
   const MF plane = hn::And(hn::Le(hn::Abs(p.u), most), hn::Le(hn::Abs(p.v), most));
   return hn::And(plane, directional ? hn::Le(hn::Abs(p.depth), most)
                                     : hn::And(hn::Ge(p.inverse_w, hn::Set(df, 1e-17f)),

@@ -4,8 +4,6 @@
 #include <bit>
 #include <cmath>
 
-// AVX-512, AVX2, and SSE4 for what is older.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/irregular/walk_kernels.cc"
 #include <hwy/foreach_target.h>

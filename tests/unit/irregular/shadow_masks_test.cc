@@ -10,6 +10,7 @@
 #include <glm/gtc/matrix_transform.hpp>
 #include <limits>
 #include <random>
+#include <span>
 #include <thread>
 
 #include "absl/strings/str_format.h"
@@ -31,6 +32,14 @@ MaskRequest RequestFor(const MaskScene& scene, const ReceiverLayer& layer, const
   request.scene = &scene;
   request.layers = {&layer, 1};
   request.lights = {&light, 1};
+  return request;
+}
+
+MaskRequest RequestFor(const MaskScene& scene, const ReceiverLayer& layer, const Camera& camera,
+                       std::span<const Light> lights) {
+  MaskRequest request = RequestFor(scene, layer, lights[0]);
+  request.camera = &camera;
+  request.lights = lights;
   return request;
 }
 
@@ -500,9 +509,7 @@ TEST(ShadowMasks, AnyNumberOfThreadsGivesTheSameBits) {
     tbb::task_arena arena(threads);
     arena.execute([&] {
       MaskRenderer renderer;
-      MaskRequest request = RequestFor(*scene, layer, lights[0]);
-      request.camera = &view.camera;
-      request.lights = lights;
+      MaskRequest request = RequestFor(*scene, layer, view.camera, lights);
       request.pieces = pieces;
       const auto masks = renderer.Render(request);
       ASSERT_TRUE(masks.ok()) << masks.status();
@@ -533,9 +540,7 @@ TEST(ShadowMasks, EveryInstructionSetGivesTheBitsOfTheExhaustiveTest) {
     for (const MaskMethod method : {MaskMethod::kExhaustive, MaskMethod::kGrid, MaskMethod::kBsp}) {
       for (const MaskPieces pieces : {MaskPieces::kSmall, MaskPieces::kFrame}) {
         MaskRenderer renderer;
-        MaskRequest request = RequestFor(*scene, layer, lights[0]);
-        request.camera = &view.camera;
-        request.lights = lights;
+        MaskRequest request = RequestFor(*scene, layer, view.camera, lights);
         request.method = method;
         request.pieces = pieces;
         const auto masks = renderer.Render(request);

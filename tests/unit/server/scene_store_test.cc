@@ -10,7 +10,6 @@
 namespace shadowfit {
 namespace {
 
-
 std::string Digest(char c) { return std::string(64, c); }
 
 MaskScene SmallScene() { return *MaskScene::Create(MakeRandomTriangles(10, 1)); }
