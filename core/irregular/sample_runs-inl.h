@@ -21,93 +21,169 @@ HWY_BEFORE_NAMESPACE();
 namespace shadowfit::irregular {
 namespace HWY_NAMESPACE {
 
-/// Collects runs of samples and tests them later, in steps that have few branches to foretell, and with the
-/// loads of the next runs under way.
+/// Collects runs of samples and tests them later. A loop over the few vectors of a short run would mispredict
+/// its end, which costs more than its tests: such runs are collected by their number of vectors.
 class RunQueue {
  public:
   RunQueue(const WalkTask& state, const Triangles& triangles) : state_(state), triangles_(triangles) {}
 
-  /// In each lane the samples of cells [first, last], against that lane's triangle.
-  HWY_INLINE void Add(VU triangle, VI first_cell, VI last_cell, MF lanes) {
+  /// In each lane the samples of cells [first, last], against that lane's triangle. False without any.
+  HWY_INLINE bool Add(VU triangle, VI first_cell, VI last_cell, MF lanes) {
     const int* starts = reinterpret_cast<const int*>(state_.cell_start);
     const VI first = hn::GatherIndex(di, starts, first_cell);
     // The last cell's run would go on over the gap after it, whose answers reach into another thread's.
     const VI end = hn::Min(hn::GatherIndex(di, starts, hn::Add(last_cell, hn::Set(di, 1))),
                            hn::Set(di, static_cast<int32_t>(state_.end_sample)));
-    const MF keep = hn::And(lanes, hn::RebindMask(df, hn::Lt(first, end)));
-    hn::StoreU(hn::Compress(first, hn::RebindMask(di, keep)), di, first_ + count_);
-    hn::StoreU(hn::Compress(end, hn::RebindMask(di, keep)), di, end_ + count_);
-    hn::StoreU(hn::Compress(triangle, hn::RebindMask(du, keep)), du, triangle_ + count_);
-    count_ += static_cast<uint32_t>(std::popcount(BitsOf(keep)));
-    if (count_ > kCapacity) Flush();
+    const auto runs = hn::And(hn::RebindMask(di, lanes), hn::Lt(first, end));
+    if (hn::AllFalse(di, runs)) return false;
+    const VI last = hn::Sub(hn::Sub(end, first), hn::Set(di, 1));
+    const VU last_lane = hn::BitCast(du, hn::And(last, hn::Set(di, kLanes - 1)));
+    const VU tail = hn::Sub(hn::Shl(hn::Set(du, 2), last_lane), hn::Set(du, 1));
+    const VU what = hn::Or(hn::ShiftLeft<kTriangleShift>(triangle), tail);
+    // Of one or two vectors nearly all are where triangles are as small as samples are apart.
+    AddShort<1>(runs, first, last, what);
+    AddShort<2>(runs, first, last, what);
+    const auto longer = hn::And(runs, hn::Gt(last, hn::Set(di, 2 * kLanes - 1)));
+    if (hn::AllFalse(di, longer)) return true;
+    AddShort<3>(longer, first, last, what);
+    AddShort<4>(longer, first, last, what);
+    const auto others = hn::And(longer, hn::Gt(last, hn::Set(di, kShort * kLanes - 1)));
+    if (hn::AllFalse(di, others)) return true;
+    hn::StoreU(hn::Compress(hn::BitCast(du, first), hn::RebindMask(du, others)), du,
+               long_first_ + long_count_);
+    hn::StoreU(hn::Compress(hn::BitCast(du, end), hn::RebindMask(du, others)), du, long_end_ + long_count_);
+    hn::StoreU(hn::Compress(triangle, hn::RebindMask(du, others)), du, long_triangle_ + long_count_);
+    long_count_ += CountOf(others);
+    return true;
   }
 
-  bool empty() const { return count_ == 0; }
+  /// To be called after every two Add()s at least.
+  HWY_INLINE void FlushIfFull() {
+    uint32_t most = long_count_;
+    for (const ShortRuns& list : short_) most = std::max(most, list.count);
+    if (most > kCapacity) Flush();
+  }
 
   HWY_NOINLINE void Flush() {
-    const uint32_t count = count_;
-    count_ = 0;
-    // 1. Which samples are inside the edges.
-    const SampleArrays samples = state_.samples;
-    uint32_t* const shadow = state_.shadow;
-    for (uint32_t i = 0; i < std::min(kAhead, count); ++i) Prefetch(samples, i);
-    for (uint32_t i = 0; i < count; ++i) {
-      Prefetch(samples, std::min(i + kAhead, count - 1));
-      const uint32_t triangle = triangle_[i];
-      const auto end = static_cast<uint32_t>(end_[i]);
-      const EdgeTest test(triangles_.rows + triangle);
-      uint32_t hit_count = hit_count_;
-      for (auto s = static_cast<uint32_t>(first_[i]); s < end; s += kLanes) {
-        const uint32_t live = FirstBits(end - s) & ~BitsAt(shadow, s);
-        const uint32_t inside = test.Inside(samples, s) & live;
-        hits_[hit_count] = {s, static_cast<uint16_t>(inside), static_cast<uint16_t>(triangle)};
-        hit_count += static_cast<uint32_t>(inside != 0);
-        if (hit_count == kCapacity) {
-          hit_count_ = hit_count;
-          TestHits();
-          hit_count = 0;
-        }
-      }
-      hit_count_ = hit_count;
-    }
-    // 2. Where those samples are.
-    TestHits();
+    TestShort<1>();
+    TestShort<2>();
+    TestShort<3>();
+    TestShort<4>();
+    static_assert(kShort == 4);
+    if (long_count_ != 0) TestLong();
   }
 
  private:
-  static constexpr uint32_t kCapacity = 128;
+  static constexpr uint32_t kCapacity = 64;
+  static constexpr uint32_t kRoom = kCapacity + 4 * kLanes;
+  static constexpr int32_t kShort = 4;
   static constexpr uint32_t kAhead = 6;
+  static constexpr int kTriangleShift = 16;
+  static constexpr uint32_t kLaneBits = (1u << kTriangleShift) - 1;
 
-  struct Hit {
-    uint32_t first;
-    uint16_t inside;
-    uint16_t triangle;
+  /// All of as many vectors.
+  struct ShortRuns {
+    uint32_t count = 0;
+    uint32_t first[kRoom];
+    uint32_t what[kRoom];  ///< Lanes of the last vector, and above kTriangleShift the triangle.
   };
 
-  HWY_INLINE void Prefetch(const SampleArrays& samples, uint32_t i) const {
-    hwy::Prefetch(samples.u + first_[i]);
-    hwy::Prefetch(samples.v + first_[i]);
+  /// Lanes of a vector of samples, and above kTriangleShift the triangle.
+  struct Hit {
+    uint32_t first;
+    uint32_t what;
+  };
+
+  template <class M>
+  static HWY_INLINE uint32_t CountOf(M mask) {
+    return static_cast<uint32_t>(hn::CountTrue(di, mask));
   }
 
-  HWY_INLINE void TestHits() {
-    for (uint32_t i = 0; i < hit_count_; ++i) {
-      TestPlane(state_, triangles_, hits_[i].triangle, hits_[i].first, hits_[i].inside);
+  /// Of the runs, given by their first and the distance to their last sample, those of so many vectors.
+  template <int32_t kVectors, class M>
+  HWY_INLINE void AddShort(M runs, VI first, VI last, VU what) {
+    const VI begin = hn::Set(di, (kVectors - 1) * kLanes);
+    const auto these = hn::And(runs, hn::Eq(hn::AndNot(hn::Set(di, kLanes - 1), last), begin));
+    ShortRuns& list = short_[kVectors - 1];
+    hn::StoreU(hn::Compress(hn::BitCast(du, first), hn::RebindMask(du, these)), du, list.first + list.count);
+    hn::StoreU(hn::Compress(what, hn::RebindMask(du, these)), du, list.what + list.count);
+    list.count += CountOf(these);
+  }
+
+  template <uint32_t kVectors>
+  HWY_INLINE void TestShort() {
+    ShortRuns& list = short_[kVectors - 1];
+    const SampleArrays samples = state_.samples;
+    const uint32_t* const shadow = state_.shadow;
+    uint32_t hit_count = 0;
+    for (uint32_t i = 0; i < list.count; ++i) {
+      const uint32_t what = list.what[i];
+      const EdgeTest test(triangles_.rows + (what >> kTriangleShift));
+#pragma GCC unroll 4
+      for (uint32_t vector = 0; vector < kVectors; ++vector) {
+        const uint32_t first = list.first[i] + vector * kLanes;
+        const uint32_t lanes = vector + 1 < kVectors ? FirstBits(kLanes) : what & kLaneBits;
+        const uint32_t inside = test.Inside(samples, first) & lanes & ~BitsAt(shadow, first);
+        hits_[hit_count] = {first, (what & ~kLaneBits) | inside};
+        hit_count += static_cast<uint32_t>(inside != 0);
+      }
     }
-    hit_count_ = 0;
+    list.count = 0;
+    TestHits(hit_count);
   }
 
+  HWY_NOINLINE void TestLong() {
+    const SampleArrays samples = state_.samples;
+    uint32_t* const shadow = state_.shadow;
+    uint32_t hit_count = 0;
+    for (uint32_t i = 0; i < std::min(kAhead, long_count_); ++i) Prefetch(samples, i);
+    for (uint32_t i = 0; i < long_count_; ++i) {
+      Prefetch(samples, std::min(i + kAhead, long_count_ - 1));
+      const uint32_t triangle = long_triangle_[i], end = long_end_[i];
+      const EdgeTest test(triangles_.rows + triangle);
+      for (uint32_t first = long_first_[i]; first < end; first += kLanes) {
+        const uint32_t inside = test.Inside(samples, first) & FirstBits(end - first) & ~BitsAt(shadow, first);
+        hits_[hit_count] = {first, triangle << kTriangleShift | inside};
+        hit_count += static_cast<uint32_t>(inside != 0);
+        if (hit_count == kMostHits) {
+          TestHits(hit_count);
+          hit_count = 0;
+        }
+      }
+    }
+    long_count_ = 0;
+    TestHits(hit_count);
+  }
+
+  HWY_INLINE void Prefetch(const SampleArrays& samples, uint32_t i) const {
+    hwy::Prefetch(samples.u + long_first_[i]);
+    hwy::Prefetch(samples.v + long_first_[i]);
+  }
+
+  HWY_NOINLINE void TestHits(uint32_t count) {
+    const bool opaque = triangles_.caster->alpha == nullptr && !triangles_.caster->transmits;
+    for (uint32_t i = 0; i < count; ++i) {
+      const uint32_t triangle = hits_[i].what >> kTriangleShift, inside = hits_[i].what & kLaneBits;
+      if (opaque) {
+        TestOpaqueHit(state_, triangles_, triangle, hits_[i].first, inside);
+      } else {
+        TestHit(state_, triangles_, triangle, hits_[i].first, inside);
+      }
+    }
+  }
+
+  static constexpr uint32_t kMostHits = kShort * kRoom;
   const WalkTask& state_;
   const Triangles& triangles_;
-  int32_t first_[kCapacity + 2 * kBlock], end_[kCapacity + 2 * kBlock];
-  uint32_t triangle_[kCapacity + 2 * kBlock];
-  uint32_t count_ = 0;
-  Hit hits_[kCapacity + 1];
-  uint32_t hit_count_ = 0;
+  ShortRuns short_[kShort];
+  uint32_t long_first_[kRoom], long_end_[kRoom], long_triangle_[kRoom];
+  uint32_t long_count_ = 0;
+  Hit hits_[kMostHits + 1];
 };
 
 /// A larger outline: the range of u that it covers in each row, kLanes rows at a time. In the slab of a row
 /// the extremes are at corners inside it and where edges cross its two borders.
-HWY_NOINLINE void TestRows(const WalkTask& task, int triangle, const Outline& o, RunQueue* queue) {
+HWY_NOINLINE void TestRows(const WalkTask& task, uint32_t triangle, const Outline& o, RunQueue* queue) {
   const Face& face = *task.face;
   const int row_begin = std::max(face.RowAt(o.v_min - o.pad).number, task.row_begin);
   const int row_end = std::min(face.RowAt(o.v_max + o.pad).number + 1, task.row_end);
@@ -152,8 +228,9 @@ HWY_NOINLINE void TestRows(const WalkTask& task, int triangle, const Outline& o,
     const VI listed = hn::Min(rows, hn::Set(di, face.rows - 1));
     const RowLanes cells(face, hn::GatherIndex(di, face.first_bin_of_row.data(), listed));
     const MF lanes = hn::And(hn::Le(low, high), hn::RebindMask(df, hn::Lt(rows, hn::Set(di, row_end))));
-    queue->Add(hn::Set(du, static_cast<uint32_t>(triangle)), cells.CellAt(hn::Sub(low, pad)),
-               cells.CellAt(hn::Add(high, pad)), lanes);
+    queue->Add(hn::Set(du, triangle), cells.CellAt(hn::Sub(low, pad)), cells.CellAt(hn::Add(high, pad)),
+               lanes);
+    queue->FlushIfFull();
   }
 }
 

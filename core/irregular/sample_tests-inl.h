@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstring>
 
 #include "core/irregular/simd.h"
 #include "core/irregular/triangle_setup-inl.h"
@@ -21,19 +22,27 @@ HWY_BEFORE_NAMESPACE();
 namespace shadowfit::irregular {
 namespace HWY_NAMESPACE {
 
-/// Triangles of a set-up block, as the tests of samples read them.
+/// Triangles that are set up, as the tests of samples read them: triangle i of block b has the number b *
+/// kSetupFloats + i.
 struct Triangles {
-  const float* rows;  ///< Row k of triangle i is rows[k * kBlock + i].
-  const float* uv;    ///< Row k of its texture coordinates is uv[k * kBlock + i]; may be null.
+  const float* rows;  ///< Row k of a triangle is rows[k * kBlock + number].
+  const float* uvs;   ///< Six rows of kBlock texture coordinates a block; may be null.
   const Caster* caster;
-  uint32_t slivers = 0;  ///< Bit per triangle.
+  bool slivers = false;  ///< There is one at least.
+
+  HWY_INLINE bool IsSliver(uint32_t triangle) const {
+    return slivers && !(rows[kSpread * kBlock + triangle] <= kSliverSpread);
+  }
 };
 
 HWY_INLINE VF Broadcast(const float* triangle, int row) { return hn::Set(df, triangle[row * kBlock]); }
 
 /// Of the lanes in `bits`, those where the cutout's texture is opaque.
-HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, int triangle, const float* u, const float* v,
+HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, uint32_t triangle, const float* u, const float* v,
                                   uint32_t bits) {
+  const float* const triangle_uvs =
+      t.uvs + size_t{triangle / kSetupFloats} * 6 * kBlock + triangle % kSetupFloats;
+  const float* const column = t.rows + triangle;
   uint32_t opaque = 0;
   for (uint32_t left = bits; left != 0; left &= left - 1) {
     const int i = std::countr_zero(left);
@@ -45,14 +54,14 @@ HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, int triangle, const float*
     for (int corner = 0; corner < 3; ++corner) {
       const int edge = (corner + 1) % 3;
       float e = 0.0f;
-      for (int k = 0; k < 3; ++k) e += t.rows[(kEdge + 3 * edge + k) * kBlock + triangle] * r[k];
+      for (int k = 0; k < 3; ++k) e += column[(kEdge + 3 * edge + k) * kBlock] * r[k];
       weight[corner] = std::max(e, 0.0f);
       sum += weight[corner];
     }
     glm::vec2 uv(0.0f);
     for (int corner = 0; corner < 3; ++corner) {
       const float b = sum > 0.0f ? weight[corner] / sum : 1.0f / 3.0f;
-      uv += b * glm::vec2(t.uv[(2 * corner) * kBlock + triangle], t.uv[(2 * corner + 1) * kBlock + triangle]);
+      uv += b * glm::vec2(triangle_uvs[(2 * corner) * kBlock], triangle_uvs[(2 * corner + 1) * kBlock]);
     }
     if (t.caster->alpha->AlphaAt(uv) >= t.caster->alpha_cutoff) opaque |= 1u << i;
   }
@@ -62,10 +71,10 @@ HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, int triangle, const float*
 /// Returns what was set before.
 HWY_INLINE uint32_t SetBits(uint32_t* words, uint32_t first, uint32_t bits) {
   words += first / 32;
-  const uint64_t old = uint64_t{words[1]} << 32 | words[0];
+  uint64_t old;
+  std::memcpy(&old, words, sizeof(old));
   const uint64_t all = old | uint64_t{bits} << (first % 32);
-  words[0] = static_cast<uint32_t>(all);
-  words[1] = static_cast<uint32_t>(all >> 32);
+  std::memcpy(words, &all, sizeof(all));
   return static_cast<uint32_t>(old >> (first % 32));
 }
 
@@ -78,7 +87,7 @@ HWY_INLINE void Absorb(const WalkTask& state, const Caster& caster, uint32_t fir
   }
 }
 
-HWY_INLINE void Record(const WalkTask& state, const Triangles& t, int triangle, uint32_t first,
+HWY_INLINE void Record(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
                        uint32_t behind, uint32_t on) {
   if (t.caster->alpha != nullptr) {
     if ((behind | on) == 0) return;
@@ -135,34 +144,56 @@ struct EdgeTest {
   }
 };
 
-/// Of the samples in `inside`, which lie in the cone of the corners: are they behind the triangle?
-HWY_INLINE void TestPlane(const WalkTask& state, const Triangles& t, int triangle, uint32_t first,
-                          uint32_t inside) {
+/// Lanes of a vector of samples.
+struct PlaneLanes {
+  uint32_t behind, on;
+};
+
+/// Which samples lie behind a triangle's plane, and which on it, within the error bound?
+HWY_INLINE PlaneLanes TestPlane(const WalkTask& state, const Triangles& t, uint32_t triangle,
+                                uint32_t first) {
   const float* column = t.rows + triangle;
   const VF u = hn::LoadU(df, state.samples.u + first);
   const VF v = hn::LoadU(df, state.samples.v + first);
   const VF depth = hn::LoadU(df, state.samples.depth + first);
   MF lanes = hn::Ge(depth, Broadcast(column, kNearest));
-  if ((t.slivers >> triangle & 1u) != 0) lanes = hn::And(lanes, BetweenEnds(column, u, v));
+  if (t.IsSliver(triangle)) lanes = hn::And(lanes, BetweenEnds(column, u, v));
   const VF height =
       hn::MulAdd(Broadcast(column, kPlane), u,
                  hn::MulAdd(Broadcast(column, kPlane + 1), v,
                             hn::MulAdd(Broadcast(column, kPlane + 2), depth, Broadcast(column, kPlane + 3))));
   const VF bound = hn::Mul(Broadcast(column, kPlaneLength), hn::LoadU(df, state.samples.error + first));
-  const uint32_t behind = BitsOf(hn::And(lanes, hn::Gt(height, bound)));
-  const uint32_t on = BitsOf(hn::And(lanes, hn::Le(hn::Abs(height), bound)));
-  Record(state, t, triangle, first, behind & inside, on & inside);
+  return {BitsOf(hn::And(lanes, hn::Gt(height, bound))),
+          BitsOf(hn::And(lanes, hn::Le(hn::Abs(height), bound)))};
+}
+
+/// Of the samples in `inside`, which lie in the cone of the corners: are they behind the triangle?
+HWY_INLINE void TestHit(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
+                        uint32_t inside) {
+  const PlaneLanes lanes = TestPlane(state, t, triangle, first);
+  Record(state, t, triangle, first, lanes.behind & inside, lanes.on & inside);
+}
+
+/// The same for a triangle that stops all light. Whether any sample is behind it, or on it, nothing
+/// foretells: both are recorded without asking.
+HWY_INLINE void TestOpaqueHit(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
+                              uint32_t inside) {
+  const PlaneLanes lanes = TestPlane(state, t, triangle, first);
+  SetBits(state.shadow, first, lanes.behind & inside);
+  const uint32_t on = lanes.on & inside;
+  const uint32_t again = SetBits(state.touched, first, on) & on;
+  if (again != 0) SetBits(state.touched_twice, first, again);
 }
 
 /// A run of sorted samples.
-HWY_INLINE void TestRun(const WalkTask& state, const Triangles& t, int triangle, uint32_t first,
+HWY_INLINE void TestRun(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
                         uint32_t end) {
   const EdgeTest test(t.rows + triangle);
   for (uint32_t s = first; s < end; s += kLanes) {
     const uint32_t live = FirstBits(end - s) & ~BitsAt(state.shadow, s);
     if (live == 0) continue;
     const uint32_t inside = test.Inside(state.samples, s) & live;
-    if (inside != 0) TestPlane(state, t, triangle, s, inside);
+    if (inside != 0) TestHit(state, t, triangle, s, inside);
   }
 }
 

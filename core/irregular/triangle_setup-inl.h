@@ -37,6 +37,7 @@ struct alignas(64) BlockSetup {
   float rows[kRows][kBlock];
   float r[3][3][kBlock];  ///< Corners in ray coordinates of the face.
 };
+constexpr uint32_t kSetupFloats = sizeof(BlockSetup) / sizeof(float);
 
 /// Slivers of a larger spread get planes that close their ends.
 constexpr float kSliverSpread = 1024.0f;

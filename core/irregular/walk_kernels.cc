@@ -19,7 +19,7 @@ HWY_BEFORE_NAMESPACE();
 namespace shadowfit::irregular {
 namespace HWY_NAMESPACE {
 
-HWY_NOINLINE void TestBsp(const WalkTask& state, const Triangles& t, int triangle,
+HWY_NOINLINE void TestBsp(const WalkTask& state, const Triangles& t, uint32_t triangle,
                           const std::vector<BspNode>& nodes, const Outline& o) {
   const float nearest = t.rows[kNearest * kBlock + triangle];
   if (nodes.empty()) return;
@@ -84,11 +84,14 @@ HWY_INLINE VF SpreadBound(const Projection& p, VF unit, VF roundoff) {
   return hn::IfThenElse(hn::And(hn::Gt(area, error), hn::Lt(spread, most)), spread, most);
 }
 
+/// Blocks whose samples are tested together.
+constexpr size_t kTogether = 4;
+
+/// Triangles [offset, offset + kLanes) of a block. Sets them up in `setup`, whose first triangle has the
+/// number `first`, if any of them meets samples.
 template <bool kDirectional>
-void WalkLanes(const WalkTask& state, const FaceFrame& frame, const CasterBlocks& blocks, size_t block,
-               int offset) {
-  const float* geometry = blocks.geometry + block * kBlockFloats;
-  const float* uv = blocks.uvs == nullptr ? nullptr : blocks.uvs + block * 6 * kBlock;
+void WalkLanes(const WalkTask& state, const FaceFrame& frame, const float* geometry, int offset,
+               uint32_t first, BlockSetup* setup, Triangles* triangles, RunQueue* queue) {
   const bool exhaustive = state.search == Search::kExhaustive;
   const Face& face = *state.face;
 
@@ -138,9 +141,7 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const CasterBlocks
   if ((quick_bits | clipped_bits) == 0) return;
 
   // 2. Samples of those that cover no more than two rows of cells, all lanes at once.
-  BlockSetup setup;
-  Triangles triangles = {&setup.rows[0][0], uv, blocks.caster};
-  RunQueue queue(state, triangles);
+  bool met = false;
   uint32_t large_bits = quick_bits;
   if (state.search == Search::kGrid && quick_bits != 0) {
     const VI bin_begin = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_begin)]);
@@ -150,26 +151,26 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const CasterBlocks
     const VI further = hn::Sub(high.number, low.number);
     const MF small = hn::And(LanesOf(quick_bits), hn::RebindMask(df, hn::Lt(further, hn::Set(di, 2))));
     large_bits &= ~BitsOf(small);
-    const VU numbers = hn::Iota(du, static_cast<uint32_t>(offset));
+    const VU numbers = hn::Iota(du, first + static_cast<uint32_t>(offset));
     const VF from = hn::Sub(p.u_low, pad), to = hn::Add(p.u_high, pad);
-    queue.Add(numbers, low.CellAt(from), low.CellAt(to),
-              hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Set(di, -1)))));
+    met = queue->Add(numbers, low.CellAt(from), low.CellAt(to),
+                     hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Set(di, -1)))));
     const MF both = hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Zero(di))));
-    if (!hn::AllFalse(df, both)) queue.Add(numbers, high.CellAt(from), high.CellAt(to), both);
-    if (queue.empty() && (large_bits | clipped_bits) == 0) return;
+    if (!hn::AllFalse(df, both)) met |= queue->Add(numbers, high.CellAt(from), high.CellAt(to), both);
+    if (!met && (large_bits | clipped_bits) == 0) return;
   }
 
   // 3. Edges and planes.
-  const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, face, geometry, corners, offset, &setup);
+  const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, face, geometry, corners, offset, setup);
   large_bits &= valid;
   clipped_bits &= valid;
   // What is left of those that are clipped depends on the samples, the answer must not.
-  hn::Store(hn::IfThenElse(bounded, nearest, hn::Set(df, -kInfinity)), df, &setup.rows[kNearest][offset]);
-  const VF spread = hn::Load(df, &setup.rows[kSpread][offset]);
-  triangles.slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread)))) << offset;
-  for (uint32_t bits = (quick_bits | clipped_bits) & valid & triangles.slivers >> offset; bits != 0;
-       bits &= bits - 1) {
-    SetUpEnds(kDirectional, offset + std::countr_zero(bits), &setup);
+  hn::Store(hn::IfThenElse(bounded, nearest, hn::Set(df, -kInfinity)), df, &setup->rows[kNearest][offset]);
+  const VF spread = hn::Load(df, &setup->rows[kSpread][offset]);
+  const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
+  triangles->slivers |= slivers != 0;
+  for (uint32_t bits = (quick_bits | clipped_bits) & valid & slivers; bits != 0; bits &= bits - 1) {
+    SetUpEnds(kDirectional, offset + std::countr_zero(bits), setup);
   }
 
   // 4. The others one by one.
@@ -184,6 +185,7 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const CasterBlocks
   for (uint32_t bits = large_bits | clipped_bits; bits != 0; bits &= bits - 1) {
     const int i = std::countr_zero(bits);
     const int lane = offset + i;
+    const uint32_t triangle = first + static_cast<uint32_t>(lane);
     if (state.search != Search::kGrid && state.Cancelled()) return;
     Outline outline;
     if ((large_bits >> i & 1u) != 0) {
@@ -195,20 +197,20 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const CasterBlocks
       outline.pad = pads[i];
       MeasureOutline(&outline);
     } else if (ClippedOutline(*state.frame, face, geometry, lane, &outline)) {
-      outline.pad = 8.0f * kUnitRoundoff * (2.0f + std::min(setup.rows[kSpread][lane], kSliverSpread)) *
+      outline.pad = 8.0f * kUnitRoundoff * (2.0f + std::min(setup->rows[kSpread][lane], kSliverSpread)) *
                     (kDirectional ? 64.0f * face_reach : 1.0f + 2.0f * face_reach * face_reach);
     } else if (!exhaustive) {
       continue;
     }
     if (exhaustive) {
-      TestRun(state, triangles, lane, face.first_sample, face.end_sample);
+      TestRun(state, *triangles, triangle, face.first_sample, face.end_sample);
     } else if (state.search == Search::kBsp) {
-      TestBsp(state, triangles, lane, *state.bsp, outline);
+      TestBsp(state, *triangles, triangle, *state.bsp, outline);
     } else {
-      TestRows(state, lane, outline, &queue);
+      TestRows(state, triangle, outline, queue);
     }
   }
-  queue.Flush();
+  queue->FlushIfFull();
 }
 
 size_t SelectBoxesImpl(const BoxArrays& boxes, const WalkTask& task, size_t begin, size_t end,
@@ -230,14 +232,24 @@ size_t SelectBoxesImpl(const BoxArrays& boxes, const WalkTask& task, size_t begi
 
 void WalkTrianglesImpl(const WalkTask& task, const CasterBlocks& blocks) {
   const FaceFrame frame(*task.frame, *task.face);
-  for (size_t block = 0; block < blocks.count; ++block) {
-    for (int offset = 0; offset < kBlock; offset += kLanes) {
-      if (task.frame->directional) {
-        WalkLanes<true>(task, frame, blocks, block, offset);
-      } else {
-        WalkLanes<false>(task, frame, blocks, block, offset);
+  BlockSetup setups[kTogether];
+  for (size_t block = 0; block < blocks.count; block += kTogether) {
+    const size_t uv = block * 6 * kBlock;
+    Triangles triangles = {&setups[0].rows[0][0], blocks.uvs == nullptr ? nullptr : blocks.uvs + uv,
+                           blocks.caster};
+    RunQueue queue(task, triangles);
+    for (size_t i = 0; i < std::min(kTogether, blocks.count - block); ++i) {
+      const float* const geometry = blocks.geometry + (block + i) * kBlockFloats;
+      const auto first = static_cast<uint32_t>(i) * kSetupFloats;
+      for (int offset = 0; offset < kBlock; offset += kLanes) {
+        if (task.frame->directional) {
+          WalkLanes<true>(task, frame, geometry, offset, first, &setups[i], &triangles, &queue);
+        } else {
+          WalkLanes<false>(task, frame, geometry, offset, first, &setups[i], &triangles, &queue);
+        }
       }
     }
+    queue.Flush();
   }
 }
 
