@@ -46,8 +46,12 @@ bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& cast
           if (!ReachesLiveSamples(task, boxes, selected[i])) continue;
         }
         ++walked;
+        const auto geometry_of = [&segment, segment_begin](uint32_t number) {
+          return segment.geometry + size_t{segment.clusters[number - segment_begin].first_block} * kBlockFloats;
+        };
         CasterBlocks blocks;
-        blocks.geometry = segment.geometry + size_t{cluster.first_block} * kBlockFloats;
+        blocks.geometry = geometry_of(selected[i]);
+        if (i + 1 < chosen) blocks.next_geometry = geometry_of(selected[i + 1]);
         blocks.uvs = cluster.first_uv < 0 ? nullptr : casters.uvs->data() + cluster.first_uv;
         blocks.count = cluster.block_count;
         blocks.caster = &caster;

@@ -6,6 +6,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/irregular/walk_kernels.cc"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -241,6 +242,10 @@ void WalkTrianglesImpl(const WalkTask& task, const CasterBlocks& blocks) {
     for (size_t i = 0; i < std::min(kTogether, blocks.count - block); ++i) {
       const float* const geometry = blocks.geometry + (block + i) * kBlockFloats;
       const auto first = static_cast<uint32_t>(i) * kSetupFloats;
+      if (blocks.next_geometry != nullptr) {
+        const float* const next = blocks.next_geometry + (block + i) * kBlockFloats;
+        for (int row = 0; row < kBlockFloats; row += kBlock) hwy::Prefetch(next + row);
+      }
       for (int offset = 0; offset < kBlock; offset += kLanes) {
         if (task.frame->directional) {
           WalkLanes<true>(task, frame, geometry, offset, first, &setups[i], &triangles, &queue);

@@ -44,6 +44,7 @@ struct CasterBlocks {
   const float* uvs = nullptr;       ///< count * 6 * kBlock, or null
   size_t count = 0;
   const Caster* caster = nullptr;
+  const float* next_geometry = nullptr;  ///< What is likely to be walked next, to be fetched ahead; or null.
 };
 
 /// Boxes in plane coordinates, padded by kPadding.
