@@ -21,47 +21,37 @@ HWY_BEFORE_NAMESPACE();
 namespace shadowfit::irregular {
 namespace HWY_NAMESPACE {
 
+/// Triangles in up to so many rows of cells are taken for their boxes.
+constexpr int32_t kFewRows = 4;
+/// Blocks whose samples are tested together.
+constexpr size_t kTogether = 4;
+/// Runs that they may have before any of them is tested.
+constexpr uint32_t kMostRuns = static_cast<uint32_t>(kTogether) * kBlock * kFewRows;
+
 /// Collects runs of samples and tests them later. A loop over the few vectors of a short run would mispredict
-/// its end, which costs more than its tests: such runs are collected by their number of vectors.
+/// its end, which costs more than its tests: runs are collected by their number of vectors.
 class RunQueue {
  public:
   RunQueue(const WalkTask& state, const Triangles& triangles) : state_(state), triangles_(triangles) {}
 
-  /// In each lane the samples of cells [first, last], against that lane's triangle. False without any.
-  HWY_INLINE bool Add(VU triangle, VI first_cell, VI last_cell, MF lanes) {
-    const int* starts = reinterpret_cast<const int*>(state_.cell_start);
-    const VI first = hn::GatherIndex(di, starts, first_cell);
-    // The last cell's run would go on over the gap after it, whose answers reach into another thread's.
-    const VI end = hn::Min(hn::GatherIndex(di, starts, hn::Add(last_cell, hn::Set(di, 1))),
-                           hn::Set(di, static_cast<int32_t>(state_.end_sample)));
-    const auto runs = hn::And(hn::RebindMask(di, lanes), hn::Lt(first, end));
-    if (hn::AllFalse(di, runs)) return false;
-    const VI last = hn::Sub(hn::Sub(end, first), hn::Set(di, 1));
-    const VU last_lane = hn::BitCast(du, hn::And(last, hn::Set(di, kLanes - 1)));
-    const VU tail = hn::Sub(hn::Shl(hn::Set(du, 2), last_lane), hn::Set(du, 1));
-    const VU what = hn::Or(hn::ShiftLeft<kTriangleShift>(triangle), tail);
-    // Of one or two vectors nearly all are where triangles are as small as samples are apart.
-    AddShort<1>(runs, first, last, what);
-    AddShort<2>(runs, first, last, what);
-    const auto longer = hn::And(runs, hn::Gt(last, hn::Set(di, 2 * kLanes - 1)));
-    if (hn::AllFalse(di, longer)) return true;
-    AddShort<3>(longer, first, last, what);
-    AddShort<4>(longer, first, last, what);
-    const auto others = hn::And(longer, hn::Gt(last, hn::Set(di, kShort * kLanes - 1)));
-    if (hn::AllFalse(di, others)) return true;
-    hn::StoreU(hn::Compress(hn::BitCast(du, first), hn::RebindMask(du, others)), du,
-               long_first_ + long_count_);
-    hn::StoreU(hn::Compress(hn::BitCast(du, end), hn::RebindMask(du, others)), du, long_end_ + long_count_);
-    hn::StoreU(hn::Compress(triangle, hn::RebindMask(du, others)), du, long_triangle_ + long_count_);
-    long_count_ += CountOf(others);
-    return true;
+  /// In each lane the samples of cells [first, last], against triangle `number` + lane * `step`. False
+  /// without any.
+  HWY_INLINE bool Add(uint32_t number, uint32_t step, VI first_cell, VI last_cell, MF lanes) {
+    // Where vectors cannot be compressed by one instruction, lanes are sorted into their lists one by one.
+    if constexpr (kLanes == 16) {
+      const VU triangles = hn::Add(hn::Mul(hn::Iota(du, 0), hn::Set(du, step)), hn::Set(du, number));
+      return AddLanes(triangles, first_cell, last_cell, hn::RebindMask(di, lanes));
+    } else {
+      return AddOneByOne(number, step, first_cell, last_cell, BitsOf(lanes));
+    }
   }
 
-  /// To be called after every two Add()s at least.
+  /// To be called when there may be more than kMostRuns, all of them of triangles that are set up.
   HWY_INLINE void FlushIfFull() {
-    uint32_t most = long_count_;
-    for (const ShortRuns& list : short_) most = std::max(most, list.count);
-    if (most > kCapacity) Flush();
+    static_assert(std::has_single_bit(kMostRuns) && 2 * kMostRuns <= kCountMask);
+    uint64_t full = 0;
+    for (int kind = 0; kind <= kLong; ++kind) full |= uint64_t{kMostRuns} << (kCountBits * kind);
+    if ((counts_ & full) != 0) Flush();
   }
 
   HWY_NOINLINE void Flush() {
@@ -69,23 +59,27 @@ class RunQueue {
     TestShort<2>();
     TestShort<3>();
     TestShort<4>();
-    static_assert(kShort == 4);
-    if (long_count_ != 0) TestLong();
+    static_assert(kLong == 5);
+    TestLong();
+    counts_ = 0;
   }
 
  private:
-  static constexpr uint32_t kCapacity = 64;
-  static constexpr uint32_t kRoom = kCapacity + 4 * kLanes;
-  static constexpr int32_t kShort = 4;
+  // Kinds of runs: empty ones, those of one to four vectors, and longer ones.
+  static constexpr int kLong = 5;
+  static constexpr int kLog2Lanes = std::countr_zero(static_cast<unsigned>(kLanes));
+  static constexpr int kCountBits = 10;
+  static constexpr uint64_t kCountMask = (1u << kCountBits) - 1;
+  static constexpr uint32_t kRoom = kMostRuns + kLanes;
+  static constexpr uint32_t kMostHits = 4 * kRoom;
   static constexpr uint32_t kAhead = 6;
   static constexpr int kTriangleShift = 16;
   static constexpr uint32_t kLaneBits = (1u << kTriangleShift) - 1;
 
-  /// All of as many vectors.
-  struct ShortRuns {
-    uint32_t count = 0;
-    uint32_t first[kRoom];
-    uint32_t what[kRoom];  ///< Lanes of the last vector, and above kTriangleShift the triangle.
+  /// Samples [first, end); `end` is set for long runs only.
+  struct RunList {
+    uint32_t first[kRoom], end[kRoom];
+    uint32_t tail[kRoom];  ///< Lanes of the last vector, and above kTriangleShift the triangle.
   };
 
   /// Lanes of a vector of samples, and above kTriangleShift the triangle.
@@ -94,54 +88,107 @@ class RunQueue {
     uint32_t what;
   };
 
-  template <class M>
-  static HWY_INLINE uint32_t CountOf(M mask) {
-    return static_cast<uint32_t>(hn::CountTrue(di, mask));
+  HWY_INLINE uint32_t CountOf(int kind) const {
+    return static_cast<uint32_t>(counts_ >> (kCountBits * kind) & kCountMask);
   }
 
-  /// Of the runs, given by their first and the distance to their last sample, those of so many vectors.
-  template <int32_t kVectors, class M>
-  HWY_INLINE void AddShort(M runs, VI first, VI last, VU what) {
-    const VI begin = hn::Set(di, (kVectors - 1) * kLanes);
-    const auto these = hn::And(runs, hn::Eq(hn::AndNot(hn::Set(di, kLanes - 1), last), begin));
-    ShortRuns& list = short_[kVectors - 1];
-    hn::StoreU(hn::Compress(hn::BitCast(du, first), hn::RebindMask(du, these)), du, list.first + list.count);
-    hn::StoreU(hn::Compress(what, hn::RebindMask(du, these)), du, list.what + list.count);
-    list.count += CountOf(these);
+  HWY_INLINE bool AddLanes(VU triangles, VI first_cell, VI last_cell, hn::Mask<DI> lanes) {
+    const int* const starts = reinterpret_cast<const int*>(state_.cell_start);
+    const VI first = hn::GatherIndex(di, starts, first_cell);
+    // The last cell's run would go on over the gap after it, whose answers reach into another thread's.
+    const VI end = hn::Min(hn::GatherIndex(di, starts, hn::Add(last_cell, hn::Set(di, 1))),
+                           hn::Set(di, static_cast<int32_t>(state_.end_sample)));
+    const auto runs = hn::And(lanes, hn::Lt(first, end));
+    if (hn::AllFalse(di, runs)) return false;
+    const VI last = hn::Sub(hn::Sub(end, first), hn::Set(di, 1));
+    const VI vectors = hn::ShiftRight<kLog2Lanes>(last);  // without the last one
+    const VU last_lane = hn::BitCast(du, hn::And(last, hn::Set(di, kLanes - 1)));
+    const VU lanes_of_last = hn::Sub(hn::Shl(hn::Set(du, 2), last_lane), hn::Set(du, 1));
+    const VU tail = hn::Or(hn::ShiftLeft<kTriangleShift>(triangles), lanes_of_last);
+    Append<1>(hn::And(runs, hn::Eq(vectors, hn::Zero(di))), first, end, tail);
+    Append<2>(hn::And(runs, hn::Eq(vectors, hn::Set(di, 1))), first, end, tail);
+    // None is longer where triangles are as small as samples are apart.
+    if (hn::AllFalse(di, hn::And(runs, hn::Gt(vectors, hn::Set(di, 1))))) return true;
+    Append<3>(hn::And(runs, hn::Eq(vectors, hn::Set(di, 2))), first, end, tail);
+    Append<4>(hn::And(runs, hn::Eq(vectors, hn::Set(di, 3))), first, end, tail);
+    const auto longer = hn::And(runs, hn::Gt(vectors, hn::Set(di, 3)));
+    if (!hn::AllFalse(di, longer)) Append<kLong>(longer, first, end, tail);
+    return true;
   }
 
-  template <uint32_t kVectors>
+  template <int kKind>
+  HWY_INLINE void Append(hn::Mask<DI> these, VI first, VI end, VU tail) {
+    RunList& list = runs_[kKind];
+    const uint32_t count = CountOf(kKind);
+    hn::StoreU(hn::Compress(tail, hn::RebindMask(du, these)), du, list.tail + count);
+    const auto store = [these, count](VI values, uint32_t* to) HWY_ATTR {
+      hn::StoreU(hn::BitCast(du, hn::Compress(values, these)), du, to + count);
+    };
+    store(first, list.first);
+    if constexpr (kKind == kLong) store(end, list.end);
+    counts_ += static_cast<uint64_t>(hn::CountTrue(di, these)) << (kCountBits * kKind);
+  }
+
+  HWY_INLINE bool AddOneByOne(uint32_t number, uint32_t step, VI first_cell, VI last_cell, uint32_t lanes) {
+    HWY_ALIGN int32_t first_cells[kLanes], last_cells[kLanes];
+    hn::Store(first_cell, di, first_cells);
+    hn::Store(last_cell, di, last_cells);
+    const uint32_t* const starts = state_.cell_start;
+    uint64_t counts = counts_;
+    for (; lanes != 0; lanes &= lanes - 1) {
+      const auto i = static_cast<uint32_t>(std::countr_zero(lanes));
+      const uint32_t first = starts[first_cells[i]];
+      const uint32_t end = std::min(starts[last_cells[i] + 1], state_.end_sample);  // as above
+      // Those of another band have no samples, or less than none.
+      const int32_t last = static_cast<int32_t>(end - first) - 1;
+      const int32_t kind = std::clamp((last >> kLog2Lanes) + 1, 0, kLong);
+      RunList& list = runs_[kind];
+      const auto at = static_cast<size_t>(counts >> (kCountBits * kind) & kCountMask);
+      list.first[at] = first;
+      list.end[at] = end;
+      list.tail[at] = (number + i * step) << kTriangleShift | ((2u << (last & (kLanes - 1))) - 1);
+      counts += uint64_t{1} << (kCountBits * kind);
+    }
+    const bool any = (counts ^ counts_) > kCountMask;
+    counts_ = counts;
+    return any;
+  }
+
+  template <int kVectors>
   HWY_INLINE void TestShort() {
-    ShortRuns& list = short_[kVectors - 1];
+    const RunList& runs = runs_[kVectors];
+    const uint32_t count = CountOf(kVectors);
     const SampleArrays samples = state_.samples;
     const uint32_t* const shadow = state_.shadow;
     uint32_t hit_count = 0;
-    for (uint32_t i = 0; i < list.count; ++i) {
-      const uint32_t what = list.what[i];
-      const EdgeTest test(triangles_.rows + (what >> kTriangleShift));
+    for (uint32_t i = 0; i < count; ++i) {
+      const uint32_t tail = runs.tail[i];
+      const EdgeTest test(triangles_.rows + (tail >> kTriangleShift));
 #pragma GCC unroll 4
-      for (uint32_t vector = 0; vector < kVectors; ++vector) {
-        const uint32_t first = list.first[i] + vector * kLanes;
-        const uint32_t lanes = vector + 1 < kVectors ? FirstBits(kLanes) : what & kLaneBits;
+      for (int vector = 0; vector < kVectors; ++vector) {
+        const uint32_t first = runs.first[i] + static_cast<uint32_t>(vector * kLanes);
+        const uint32_t lanes = vector + 1 < kVectors ? FirstBits(kLanes) : tail & kLaneBits;
         const uint32_t inside = test.Inside(samples, first) & lanes & ~BitsAt(shadow, first);
-        hits_[hit_count] = {first, (what & ~kLaneBits) | inside};
+        hits_[hit_count] = {first, (tail & ~kLaneBits) | inside};
         hit_count += static_cast<uint32_t>(inside != 0);
       }
     }
-    list.count = 0;
     TestHits(hit_count);
   }
 
   HWY_NOINLINE void TestLong() {
+    const RunList& runs = runs_[kLong];
+    const uint32_t count = CountOf(kLong);
     const SampleArrays samples = state_.samples;
     uint32_t* const shadow = state_.shadow;
     uint32_t hit_count = 0;
-    for (uint32_t i = 0; i < std::min(kAhead, long_count_); ++i) Prefetch(samples, i);
-    for (uint32_t i = 0; i < long_count_; ++i) {
-      Prefetch(samples, std::min(i + kAhead, long_count_ - 1));
-      const uint32_t triangle = long_triangle_[i], end = long_end_[i];
+    for (uint32_t i = 0; i < count; ++i) {
+      const uint32_t ahead = runs.first[std::min(i + kAhead, count - 1)];
+      hwy::Prefetch(samples.u + ahead);
+      hwy::Prefetch(samples.v + ahead);
+      const uint32_t triangle = runs.tail[i] >> kTriangleShift, end = runs.end[i];
       const EdgeTest test(triangles_.rows + triangle);
-      for (uint32_t first = long_first_[i]; first < end; first += kLanes) {
+      for (uint32_t first = runs.first[i]; first < end; first += kLanes) {
         const uint32_t inside = test.Inside(samples, first) & FirstBits(end - first) & ~BitsAt(shadow, first);
         hits_[hit_count] = {first, triangle << kTriangleShift | inside};
         hit_count += static_cast<uint32_t>(inside != 0);
@@ -151,13 +198,7 @@ class RunQueue {
         }
       }
     }
-    long_count_ = 0;
     TestHits(hit_count);
-  }
-
-  HWY_INLINE void Prefetch(const SampleArrays& samples, uint32_t i) const {
-    hwy::Prefetch(samples.u + long_first_[i]);
-    hwy::Prefetch(samples.v + long_first_[i]);
   }
 
   HWY_NOINLINE void TestHits(uint32_t count) {
@@ -172,12 +213,10 @@ class RunQueue {
     }
   }
 
-  static constexpr uint32_t kMostHits = kShort * kRoom;
   const WalkTask& state_;
   const Triangles& triangles_;
-  ShortRuns short_[kShort];
-  uint32_t long_first_[kRoom], long_end_[kRoom], long_triangle_[kRoom];
-  uint32_t long_count_ = 0;
+  uint64_t counts_ = 0;  ///< Of each kind, kCountBits each.
+  RunList runs_[kLong + 1];
   Hit hits_[kMostHits + 1];
 };
 
@@ -228,8 +267,7 @@ HWY_NOINLINE void TestRows(const WalkTask& task, uint32_t triangle, const Outlin
     const VI listed = hn::Min(rows, hn::Set(di, face.rows - 1));
     const RowLanes cells(face, hn::GatherIndex(di, face.first_bin_of_row.data(), listed));
     const MF lanes = hn::And(hn::Le(low, high), hn::RebindMask(df, hn::Lt(rows, hn::Set(di, row_end))));
-    queue->Add(hn::Set(du, triangle), cells.CellAt(hn::Sub(low, pad)), cells.CellAt(hn::Add(high, pad)),
-               lanes);
+    queue->Add(triangle, 0, cells.CellAt(hn::Sub(low, pad)), cells.CellAt(hn::Add(high, pad)), lanes);
     queue->FlushIfFull();
   }
 }

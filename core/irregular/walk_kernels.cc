@@ -43,7 +43,7 @@ HWY_NOINLINE void TestBsp(const WalkTask& state, const Triangles& t, uint32_t tr
   }
 }
 
-/// What is known of kLanes triangles before they are set up.
+/// Where kLanes triangles lie on the face.
 struct Projection {
   VF u[3], v[3], w[3];
   VF u_low, u_high, v_low, v_high, w_low, w_high;
@@ -85,26 +85,45 @@ HWY_INLINE VF SpreadBound(const Projection& p, VF unit, VF roundoff) {
   return hn::IfThenElse(hn::And(hn::Gt(area, error), hn::Lt(spread, most)), spread, most);
 }
 
-/// Blocks whose samples are tested together.
-constexpr size_t kTogether = 4;
+/// kLanes triangles on their way to samples.
+struct TriangleLanes {
+  Corner corners[3];
+  Projection at;
+  VF pad;                ///< By how much rounding may move samples against them, in plane coordinates.
+  VF nearest;            ///< Least depth of the corners.
+  MF bounded;            ///< `at` encloses them.
+  uint32_t large = 0;    ///< Bounded, and to be tested one by one.
+  uint32_t clipped = 0;  ///< To be clipped to the face, and then tested one by one.
+  // Of those in few rows: the least and the last row, and the cells in each.
+  MF few;
+  VI further;  ///< From the least row to the last; negative where none is in this task.
+  RowLanes low, high;
+  VI low_cells[2], high_cells[2];
 
-/// Triangles [offset, offset + kLanes) of a block. Sets them up in `setup`, whose first triangle has the
-/// number `first`, if any of them meets samples.
+  HWY_INLINE bool OneByOne() const { return (large | clipped) != 0; }
+};
+
+/// The largest plane coordinates of samples.
+HWY_INLINE float FaceReach(const Face& face) {
+  return std::max(std::max(std::abs(face.u_min), std::abs(face.u_max)),
+                  std::max(std::abs(face.v_min), std::abs(face.v_max)));
+}
+
+/// Finds what may meet triangles [offset, offset + kLanes) of a block. False where nothing does.
 template <bool kDirectional>
-void WalkLanes(const WalkTask& state, const FaceFrame& frame, const float* geometry, int offset,
-               uint32_t first, BlockSetup* setup, Triangles* triangles, RunQueue* queue) {
+HWY_NOINLINE bool ProjectLanes(const WalkTask& state, const FaceFrame& frame, const float* geometry,
+                               int offset, TriangleLanes* out) {
   const bool exhaustive = state.search == Search::kExhaustive;
   const Face& face = *state.face;
 
   // 1. Plane coordinates of the corners, and which triangles can be bounded by them.
-  Corner corners[3];
-  TransformBlock(frame, geometry, offset, corners);
-  const Projection p = Project<kDirectional>(corners);
+  TransformBlock(frame, geometry, offset, out->corners);
+  const Projection p = Project<kDirectional>(out->corners);
+  out->at = p;
   const VF reach_u = hn::Max(hn::Abs(p.u_low), hn::Abs(p.u_high));
   const VF reach_v = hn::Max(hn::Abs(p.v_low), hn::Abs(p.v_high));
   const VF reach = hn::Max(reach_u, reach_v);
-  const float face_reach = std::max(std::max(std::abs(face.u_min), std::abs(face.u_max)),
-                                    std::max(std::abs(face.v_min), std::abs(face.v_max)));
+  const float face_reach = FaceReach(face);
   // One unit of angular rounding moves plane coordinates by up to 1 + u^2 + v^2; in the parallel
   // projection of a directional light rounding is relative to the coordinates themselves.
   const VF unit = kDirectional
@@ -131,65 +150,90 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const float* geome
   MF clipped = hn::AndNot(bounded, overlaps);
   if constexpr (!kDirectional) {
     VF size = hn::Zero(df);
-    for (const Corner& corner : corners) {
+    for (const Corner& corner : out->corners) {
       for (const VF& r : corner.r) size = hn::Max(size, hn::Abs(r));
     }
     const VF behind = hn::Mul(size, hn::Set(df, -16.0f * kUnitRoundoff));
     clipped = hn::AndNot(bounded, hn::Ge(p.w_high, behind));
   }
-  uint32_t quick_bits = BitsOf(exhaustive ? bounded : quick);
-  uint32_t clipped_bits = exhaustive ? ~quick_bits & FirstBits(kLanes) : BitsOf(clipped);
-  if ((quick_bits | clipped_bits) == 0) return;
+  out->pad = pad;
+  out->nearest = nearest;
+  out->bounded = bounded;
+  out->large = BitsOf(exhaustive ? bounded : quick);
+  out->clipped = exhaustive ? ~out->large & FirstBits(kLanes) : BitsOf(clipped);
+  out->few = NoLanes();
+  if (state.search != Search::kGrid || out->large == 0) return out->OneByOne();
 
-  // 2. Samples of those that cover no more than two rows of cells, all lanes at once.
-  bool met = false;
-  uint32_t large_bits = quick_bits;
-  if (state.search == Search::kGrid && quick_bits != 0) {
-    const VI bin_begin = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_begin)]);
-    const VI bin_last = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_end)] - 1);
-    const RowLanes low(face, hn::Max(BinOf(face, hn::Sub(p.v_low, pad)), bin_begin));
-    const RowLanes high(face, hn::Min(BinOf(face, hn::Add(p.v_high, pad)), bin_last));
-    const VI further = hn::Sub(high.number, low.number);
-    const MF small = hn::And(LanesOf(quick_bits), hn::RebindMask(df, hn::Lt(further, hn::Set(di, 2))));
-    large_bits &= ~BitsOf(small);
-    const VU numbers = hn::Iota(du, first + static_cast<uint32_t>(offset));
-    const VF from = hn::Sub(p.u_low, pad), to = hn::Add(p.u_high, pad);
-    met = queue->Add(numbers, low.CellAt(from), low.CellAt(to),
-                     hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Set(di, -1)))));
-    const MF both = hn::And(small, hn::RebindMask(df, hn::Gt(further, hn::Zero(di))));
-    if (!hn::AllFalse(df, both)) met |= queue->Add(numbers, high.CellAt(from), high.CellAt(to), both);
-    if (!met && (large_bits | clipped_bits) == 0) return;
+  // 2. Cells of those in few rows.
+  const VI bin_begin = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_begin)]);
+  const VI bin_last = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_end)] - 1);
+  const VF from = hn::Sub(p.u_low, pad), to = hn::Add(p.u_high, pad);
+  out->low = RowLanes(face, hn::Max(BinOf(face, hn::Sub(p.v_low, pad)), bin_begin));
+  out->high = RowLanes(face, hn::Min(BinOf(face, hn::Add(p.v_high, pad)), bin_last));
+  out->further = hn::Sub(out->high.number, out->low.number);
+  out->few = hn::And(quick, hn::RebindMask(df, hn::Lt(out->further, hn::Set(di, kFewRows))));
+  out->large &= ~BitsOf(out->few);
+  out->low_cells[0] = out->low.CellAt(from);
+  out->low_cells[1] = out->low.CellAt(to);
+  out->high_cells[0] = out->high.CellAt(from);
+  out->high_cells[1] = out->high.CellAt(to);
+  return true;
+}
+
+/// Collects the samples of triangles in few rows, the first of which has the number `first`. False without
+/// any.
+HWY_INLINE bool CollectRuns(const Face& face, const TriangleLanes& lanes, uint32_t first, RunQueue* queue) {
+  const auto further_than = [&lanes](int32_t rows) HWY_ATTR {
+    return hn::And(lanes.few, hn::RebindMask(df, hn::Gt(lanes.further, hn::Set(di, rows))));
+  };
+  bool met = queue->Add(first, 1, lanes.low_cells[0], lanes.low_cells[1], further_than(-1));
+  MF more = further_than(0);
+  if (hn::AllFalse(df, more)) return met;
+  met |= queue->Add(first, 1, lanes.high_cells[0], lanes.high_cells[1], more);
+  const VF from = hn::Sub(lanes.at.u_low, lanes.pad), to = hn::Add(lanes.at.u_high, lanes.pad);
+  for (int32_t row = 1; row + 1 < kFewRows; ++row) {
+    more = further_than(row);
+    if (hn::AllFalse(df, more)) return met;
+    const VI number = hn::Min(hn::Add(lanes.low.number, hn::Set(di, row)), lanes.high.number);
+    const RowLanes cells(face, hn::GatherIndex(di, face.first_bin_of_row.data(), number));
+    met |= queue->Add(first, 1, cells.CellAt(from), cells.CellAt(to), more);
   }
+  return met;
+}
 
-  // 3. Edges and planes.
-  const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, face, geometry, corners, offset, setup);
-  large_bits &= valid;
-  clipped_bits &= valid;
+/// Edges and planes of triangles [offset, offset + kLanes) of a block, and the tests of those that are taken
+/// one by one. The block's first triangle has the number `first`.
+template <bool kDirectional>
+void SetUpLanes(const WalkTask& state, const float* geometry, int offset, const TriangleLanes& lanes,
+                uint32_t first, BlockSetup* setup, Triangles* triangles, RunQueue* queue) {
+  const bool exhaustive = state.search == Search::kExhaustive;
+  const Face& face = *state.face;
+  const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, face, geometry, lanes.corners, offset, setup);
   // What is left of those that are clipped depends on the samples, the answer must not.
-  hn::Store(hn::IfThenElse(bounded, nearest, hn::Set(df, -kInfinity)), df, &setup->rows[kNearest][offset]);
+  hn::Store(hn::IfThenElse(lanes.bounded, lanes.nearest, hn::Set(df, -kInfinity)), df,
+            &setup->rows[kNearest][offset]);
   const VF spread = hn::Load(df, &setup->rows[kSpread][offset]);
   const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
   triangles->slivers |= slivers != 0;
-  for (uint32_t bits = (quick_bits | clipped_bits) & valid & slivers; bits != 0; bits &= bits - 1) {
+  const uint32_t tested = (BitsOf(lanes.few) | lanes.large | lanes.clipped) & valid;
+  for (uint32_t bits = tested & slivers; bits != 0; bits &= bits - 1) {
     SetUpEnds(kDirectional, offset + std::countr_zero(bits), setup);
   }
 
-  // 4. The others one by one.
+  if (!lanes.OneByOne()) return;
   HWY_ALIGN float u[3][kLanes], v[3][kLanes], pads[kLanes];
-  if ((large_bits | clipped_bits) != 0) {
-    hn::Store(pad, df, pads);
-    for (int corner = 0; corner < 3; ++corner) {
-      hn::Store(p.u[corner], df, u[corner]);
-      hn::Store(p.v[corner], df, v[corner]);
-    }
+  hn::Store(lanes.pad, df, pads);
+  for (int corner = 0; corner < 3; ++corner) {
+    hn::Store(lanes.at.u[corner], df, u[corner]);
+    hn::Store(lanes.at.v[corner], df, v[corner]);
   }
-  for (uint32_t bits = large_bits | clipped_bits; bits != 0; bits &= bits - 1) {
+  for (uint32_t bits = (lanes.large | lanes.clipped) & valid; bits != 0; bits &= bits - 1) {
     const int i = std::countr_zero(bits);
     const int lane = offset + i;
     const uint32_t triangle = first + static_cast<uint32_t>(lane);
     if (state.search != Search::kGrid && state.Cancelled()) return;
     Outline outline;
-    if ((large_bits >> i & 1u) != 0) {
+    if ((lanes.large >> i & 1u) != 0) {
       outline.corners = 3;
       for (int corner = 0; corner < 3; ++corner) {
         outline.u[corner] = u[corner][i];
@@ -198,6 +242,7 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const float* geome
       outline.pad = pads[i];
       MeasureOutline(&outline);
     } else if (ClippedOutline(*state.frame, face, geometry, lane, &outline)) {
+      const float face_reach = FaceReach(face);
       outline.pad = 8.0f * kUnitRoundoff * (2.0f + std::min(setup->rows[kSpread][lane], kSliverSpread)) *
                     (kDirectional ? 64.0f * face_reach : 1.0f + 2.0f * face_reach * face_reach);
     } else if (!exhaustive) {
@@ -211,7 +256,44 @@ void WalkLanes(const WalkTask& state, const FaceFrame& frame, const float* geome
       TestRows(state, triangle, outline, queue);
     }
   }
-  queue->FlushIfFull();
+}
+
+constexpr int kVectorsOfBlock = kBlock / kLanes;
+
+/// Step after step for all of them, so that what one vector waits for, the next does not.
+template <bool kDirectional>
+void WalkBlocks(const WalkTask& task, const FaceFrame& frame, const CasterBlocks& blocks, size_t begin,
+                size_t end) {
+  BlockSetup setups[kTogether];
+  TriangleLanes lanes[kTogether * kVectorsOfBlock];
+  Triangles triangles = {&setups[0].rows[0][0],
+                         blocks.uvs == nullptr ? nullptr : blocks.uvs + begin * 6 * kBlock, blocks.caster};
+  RunQueue queue(task, triangles);
+  const auto count = static_cast<int>(end - begin) * kVectorsOfBlock;
+  const auto geometry_of = [&blocks, begin](int i) {
+    return blocks.geometry + (begin + static_cast<size_t>(i / kVectorsOfBlock)) * kBlockFloats;
+  };
+  const auto first_of = [](int i) { return static_cast<uint32_t>(i / kVectorsOfBlock) * kSetupFloats; };
+  const auto offset_of = [](int i) { return i % kVectorsOfBlock * kLanes; };
+  uint32_t left = 0;
+  for (int i = 0; i < count; ++i) {
+    left |= static_cast<uint32_t>(
+                ProjectLanes<kDirectional>(task, frame, geometry_of(i), offset_of(i), &lanes[i]))
+            << i;
+  }
+  for (uint32_t bits = left; bits != 0; bits &= bits - 1) {
+    const int i = std::countr_zero(bits);
+    const bool met =
+        !hn::AllFalse(df, lanes[i].few) &&
+        CollectRuns(*task.face, lanes[i], first_of(i) + static_cast<uint32_t>(offset_of(i)), &queue);
+    if (!met && !lanes[i].OneByOne()) left &= ~(1u << i);
+  }
+  for (uint32_t bits = left; bits != 0; bits &= bits - 1) {
+    const int i = std::countr_zero(bits);
+    SetUpLanes<kDirectional>(task, geometry_of(i), offset_of(i), lanes[i], first_of(i),
+                             &setups[i / kVectorsOfBlock], &triangles, &queue);
+  }
+  queue.Flush();
 }
 
 size_t SelectBoxesImpl(const BoxArrays& boxes, const WalkTask& task, size_t begin, size_t end,
@@ -233,28 +315,16 @@ size_t SelectBoxesImpl(const BoxArrays& boxes, const WalkTask& task, size_t begi
 
 void WalkTrianglesImpl(const WalkTask& task, const CasterBlocks& blocks) {
   const FaceFrame frame(*task.frame, *task.face);
-  BlockSetup setups[kTogether];
-  for (size_t block = 0; block < blocks.count; block += kTogether) {
-    const size_t uv = block * 6 * kBlock;
-    Triangles triangles = {&setups[0].rows[0][0], blocks.uvs == nullptr ? nullptr : blocks.uvs + uv,
-                           blocks.caster};
-    RunQueue queue(task, triangles);
-    for (size_t i = 0; i < std::min(kTogether, blocks.count - block); ++i) {
-      const float* const geometry = blocks.geometry + (block + i) * kBlockFloats;
-      const auto first = static_cast<uint32_t>(i) * kSetupFloats;
-      if (blocks.next_geometry != nullptr) {
-        const float* const next = blocks.next_geometry + (block + i) * kBlockFloats;
-        for (int row = 0; row < kBlockFloats; row += kBlock) hwy::Prefetch(next + row);
-      }
-      for (int offset = 0; offset < kBlock; offset += kLanes) {
-        if (task.frame->directional) {
-          WalkLanes<true>(task, frame, geometry, offset, first, &setups[i], &triangles, &queue);
-        } else {
-          WalkLanes<false>(task, frame, geometry, offset, first, &setups[i], &triangles, &queue);
-        }
-      }
+  if (blocks.next_geometry != nullptr) {
+    for (size_t i = 0; i < blocks.count * kBlockFloats; i += kBlock) hwy::Prefetch(blocks.next_geometry + i);
+  }
+  for (size_t begin = 0; begin < blocks.count; begin += kTogether) {
+    const size_t end = std::min(begin + kTogether, blocks.count);
+    if (task.frame->directional) {
+      WalkBlocks<true>(task, frame, blocks, begin, end);
+    } else {
+      WalkBlocks<false>(task, frame, blocks, begin, end);
     }
-    queue.Flush();
   }
 }
 
