@@ -10,7 +10,7 @@ namespace shadowfit::irregular {
 namespace {
 
 /// Where samples are evenly spread a row is as high as so many of them ...
-constexpr double kRowHeight = 6.0;
+constexpr double kRowHeight = 8.0;
 /// ... and a cell holds so many: a run of cells then overshoots a small triangle by little.
 constexpr double kSamplesOfCell = 4.0;
 constexpr double kMostRows = 1 << 10;

@@ -169,8 +169,7 @@ class RunQueue {
         const uint32_t first = runs.first[i] + static_cast<uint32_t>(vector * kLanes);
         const uint32_t lanes = vector + 1 < kVectors ? FirstBits(kLanes) : tail & kLaneBits;
         const uint32_t inside = test.Inside(samples, first) & lanes & ~BitsAt(shadow, first);
-        hits_[hit_count] = {first, (tail & ~kLaneBits) | inside};
-        hit_count += static_cast<uint32_t>(inside != 0);
+        hit_count = Append(first, tail & ~kLaneBits, inside, hit_count);
       }
     }
     TestHits(hit_count);
@@ -186,22 +185,29 @@ class RunQueue {
       const uint32_t ahead = runs.first[std::min(i + kAhead, count - 1)];
       hwy::Prefetch(samples.u + ahead);
       hwy::Prefetch(samples.v + ahead);
-      const uint32_t triangle = runs.tail[i] >> kTriangleShift, end = runs.end[i];
-      const EdgeTest test(triangles_.rows + triangle);
-      for (uint32_t first = runs.first[i]; first < end; first += kLanes) {
-        const uint32_t inside = test.Inside(samples, first) & FirstBits(end - first) & ~BitsAt(shadow, first);
-        hits_[hit_count] = {first, triangle << kTriangleShift | inside};
-        hit_count += static_cast<uint32_t>(inside != 0);
-        if (hit_count == kMostHits) {
-          TestHits(hit_count);
-          hit_count = 0;
-        }
+      const uint32_t tail = runs.tail[i], triangle = tail & ~kLaneBits;
+      const EdgeTest test(triangles_.rows + (triangle >> kTriangleShift));
+      uint32_t first = runs.first[i];
+      for (uint32_t vectors = (runs.end[i] - first - 1) / kLanes; vectors != 0; --vectors, first += kLanes) {
+        if (hit_count == kMostHits) hit_count = TestHits(hit_count);
+        const uint32_t inside = test.Inside(samples, first) & ~BitsAt(shadow, first);
+        hit_count = Append(first, triangle, inside, hit_count);
       }
+      if (hit_count == kMostHits) hit_count = TestHits(hit_count);
+      const uint32_t inside = test.Inside(samples, first) & tail & kLaneBits & ~BitsAt(shadow, first);
+      hit_count = Append(first, triangle, inside, hit_count);
     }
     TestHits(hit_count);
   }
 
-  HWY_NOINLINE void TestHits(uint32_t count) {
+  /// Lanes of a vector, and the bits of a triangle. Returns the new number of hits.
+  HWY_INLINE uint32_t Append(uint32_t first, uint32_t triangle_bits, uint32_t inside, uint32_t count) {
+    hits_[count] = {first, triangle_bits | inside};
+    return count + static_cast<uint32_t>(inside != 0);
+  }
+
+  /// Returns how many hits are left: none.
+  HWY_NOINLINE uint32_t TestHits(uint32_t count) {
     const bool opaque = triangles_.caster->alpha == nullptr && !triangles_.caster->transmits;
     for (uint32_t i = 0; i < count; ++i) {
       const uint32_t triangle = hits_[i].what >> kTriangleShift, inside = hits_[i].what & kLaneBits;
@@ -211,6 +217,7 @@ class RunQueue {
         TestHit(state_, triangles_, triangle, hits_[i].first, inside);
       }
     }
+    return 0;
   }
 
   const WalkTask& state_;

@@ -93,10 +93,11 @@ HWY_INLINE VD Cross(VD ay, VD bz, VD az, VD by) { return hn::Sub(hn::Mul(ay, bz)
 /// neither over- nor underflow, and signs do not change.
 ///
 /// Returns the lanes that can block anything: not degenerate as the light sees them. The others have no
-/// inside.
+/// inside. Where `compact` says that none is a sliver their spreads, and what SetUpEnds() reads, are left
+/// out.
 template <bool kDirectional>
 HWY_NOINLINE uint32_t SetUpBlock(const LightFrame& frame, const Face& face, const float* geometry,
-                                 const Corner corners[3], int offset, BlockSetup* setup) {
+                                 const Corner corners[3], int offset, bool compact, BlockSetup* setup) {
   // 1. A power of two that brings the largest coordinate near one.
   VF size = hn::Zero(df);
   for (int corner = 0; corner < 3; ++corner) {
@@ -199,35 +200,38 @@ HWY_NOINLINE uint32_t SetUpBlock(const LightFrame& frame, const Face& face, cons
     if constexpr (!kDirectional) edge_length2[edge] = hn::MulAdd(n[2], n[2], edge_length2[edge]);
   }
 
-  // Spread: squared longest edge over twice the area, of directions (point) or in the plane (directional).
-  // Rounding moves an edge by a few units of 2^-24, and the tip between two edges by that times the spread.
-  const VF area = hn::Load(df, determinant);
-  VF longest2 = zero;
-  VF spread;
-  if constexpr (kDirectional) {
-    for (int edge = 0; edge < 3; ++edge) longest2 = hn::Max(longest2, edge_length2[edge]);
-    spread = hn::Div(longest2, area);
-  } else {
-    VF length2[3];
-    for (int corner = 0; corner < 3; ++corner) {
-      length2[corner] = zero;
-      for (int i = 0; i < 3; ++i) {
-        const VF scaled = hn::Mul(corners[corner].r[i], scale);
-        length2[corner] = hn::MulAdd(scaled, scaled, length2[corner]);
+  if (!compact) {
+    // Spread: squared longest edge over twice the area, of directions (point) or in the plane (directional).
+    // Rounding moves an edge by a few units of 2^-24, and the tip between two edges by that times the spread.
+    const VF area = hn::Load(df, determinant);
+    VF longest2 = zero;
+    VF spread;
+    if constexpr (kDirectional) {
+      for (int edge = 0; edge < 3; ++edge) longest2 = hn::Max(longest2, edge_length2[edge]);
+      spread = hn::Div(longest2, area);
+    } else {
+      VF length2[3];
+      for (int corner = 0; corner < 3; ++corner) {
+        length2[corner] = zero;
+        for (int i = 0; i < 3; ++i) {
+          const VF scaled = hn::Mul(corners[corner].r[i], scale);
+          length2[corner] = hn::MulAdd(scaled, scaled, length2[corner]);
+        }
       }
+      for (int edge = 0; edge < 3; ++edge) {
+        const int a = edge, b = (edge + 1) % 3;
+        VF cosine = zero;
+        for (int i = 0; i < 3; ++i) cosine = hn::MulAdd(corners[a].r[i], corners[b].r[i], cosine);
+        const VF sine2 = hn::Div(edge_length2[edge], hn::Mul(length2[a], length2[b]));
+        longest2 = hn::Max(longest2, hn::IfThenElse(hn::Gt(cosine, zero), sine2, hn::Set(df, 4.0f)));
+      }
+      spread =
+          hn::Div(hn::Mul(longest2, hn::Sqrt(hn::Mul(hn::Mul(length2[0], length2[1]), length2[2]))), area);
     }
-    for (int edge = 0; edge < 3; ++edge) {
-      const int a = edge, b = (edge + 1) % 3;
-      VF cosine = zero;
-      for (int i = 0; i < 3; ++i) cosine = hn::MulAdd(corners[a].r[i], corners[b].r[i], cosine);
-      const VF sine2 = hn::Div(edge_length2[edge], hn::Mul(length2[a], length2[b]));
-      longest2 = hn::Max(longest2, hn::IfThenElse(hn::Gt(cosine, zero), sine2, hn::Set(df, 4.0f)));
+    store(spread, kSpread);
+    for (int corner = 0; corner < 3; ++corner) {
+      for (int i = 0; i < 3; ++i) hn::Store(corners[corner].r[i], df, &setup->r[corner][i][offset]);
     }
-    spread = hn::Div(hn::Mul(longest2, hn::Sqrt(hn::Mul(hn::Mul(length2[0], length2[1]), length2[2]))), area);
-  }
-  store(spread, kSpread);
-  for (int corner = 0; corner < 3; ++corner) {
-    for (int i = 0; i < 3; ++i) hn::Store(corners[corner].r[i], df, &setup->r[corner][i][offset]);
   }
   const MF all_valid = hn::And(hn::Gt(hn::Load(df, valid), zero), hn::Lt(size, hn::Set(df, 1e37f)));
   for (int edge = 0; edge < 3; ++edge) {

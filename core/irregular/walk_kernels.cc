@@ -94,6 +94,7 @@ struct TriangleLanes {
   MF bounded;            ///< `at` encloses them.
   uint32_t large = 0;    ///< Bounded, and to be tested one by one.
   uint32_t clipped = 0;  ///< To be clipped to the face, and then tested one by one.
+  bool compact = false;  ///< None that may meet samples is a sliver.
   // Of those in few rows: the least and the last row, and the cells in each.
   MF few;
   VI further;  ///< From the least row to the last; negative where none is in this task.
@@ -130,7 +131,8 @@ HWY_NOINLINE bool ProjectLanes(const WalkTask& state, const FaceFrame& frame, co
                       ? hn::Max(reach, hn::Set(df, face_reach))
                       : hn::MulAdd(reach_u, reach_u, hn::MulAdd(reach_v, reach_v, hn::Set(df, 1.0f)));
   const VF roundoff = hn::Mul(unit, hn::Set(df, 8.0f * kUnitRoundoff));
-  const VF pad = hn::Mul(roundoff, hn::Add(hn::Set(df, 2.0f), SpreadBound(p, unit, roundoff)));
+  const VF spread = SpreadBound(p, unit, roundoff);
+  const VF pad = hn::Mul(roundoff, hn::Add(hn::Set(df, 2.0f), spread));
   MF bounded = hn::Le(reach, hn::Set(df, kDirectional ? 64.0f * face_reach : 64.0f));
   if constexpr (!kDirectional) bounded = hn::And(bounded, hn::Gt(p.w_low, hn::Zero(df)));
   const VF largest_w = hn::Max(hn::Abs(p.w_low), hn::Abs(p.w_high));
@@ -161,6 +163,8 @@ HWY_NOINLINE bool ProjectLanes(const WalkTask& state, const FaceFrame& frame, co
   out->bounded = bounded;
   out->large = BitsOf(exhaustive ? bounded : quick);
   out->clipped = exhaustive ? ~out->large & FirstBits(kLanes) : BitsOf(clipped);
+  const uint32_t compact = out->large & BitsOf(hn::Lt(spread, hn::Set(df, kSliverSpread)));
+  out->compact = compact == (out->large | out->clipped);
   out->few = NoLanes();
   if (state.search != Search::kGrid || out->large == 0) return out->OneByOne();
 
@@ -208,16 +212,21 @@ void SetUpLanes(const WalkTask& state, const float* geometry, int offset, const 
                 uint32_t first, BlockSetup* setup, Triangles* triangles, RunQueue* queue) {
   const bool exhaustive = state.search == Search::kExhaustive;
   const Face& face = *state.face;
-  const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, face, geometry, lanes.corners, offset, setup);
+  const uint32_t valid =
+      SetUpBlock<kDirectional>(*state.frame, face, geometry, lanes.corners, offset, lanes.compact, setup);
   // What is left of those that are clipped depends on the samples, the answer must not.
   hn::Store(hn::IfThenElse(lanes.bounded, lanes.nearest, hn::Set(df, -kInfinity)), df,
             &setup->rows[kNearest][offset]);
-  const VF spread = hn::Load(df, &setup->rows[kSpread][offset]);
-  const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
-  triangles->slivers |= slivers != 0;
-  const uint32_t tested = (BitsOf(lanes.few) | lanes.large | lanes.clipped) & valid;
-  for (uint32_t bits = tested & slivers; bits != 0; bits &= bits - 1) {
-    SetUpEnds(kDirectional, offset + std::countr_zero(bits), setup);
+  if (lanes.compact) {
+    hn::Store(hn::Zero(df), df, &setup->rows[kSpread][offset]);
+  } else {
+    const VF spread = hn::Load(df, &setup->rows[kSpread][offset]);
+    const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
+    triangles->slivers |= slivers != 0;
+    const uint32_t tested = (BitsOf(lanes.few) | lanes.large | lanes.clipped) & valid;
+    for (uint32_t bits = tested & slivers; bits != 0; bits &= bits - 1) {
+      SetUpEnds(kDirectional, offset + std::countr_zero(bits), setup);
+    }
   }
 
   if (!lanes.OneByOne()) return;
