@@ -208,16 +208,32 @@ class RunQueue {
 
   /// Returns how many hits are left: none.
   HWY_NOINLINE uint32_t TestHits(uint32_t count) {
-    const bool opaque = triangles_.caster->alpha == nullptr && !triangles_.caster->transmits;
-    for (uint32_t i = 0; i < count; ++i) {
-      const uint32_t triangle = hits_[i].what >> kTriangleShift, inside = hits_[i].what & kLaneBits;
-      if (opaque) {
-        TestOpaqueHit(state_, triangles_, triangle, hits_[i].first, inside);
-      } else {
-        TestHit(state_, triangles_, triangle, hits_[i].first, inside);
+    if (triangles_.caster->alpha == nullptr && !triangles_.caster->transmits) {
+      TestOpaqueHits(count);
+    } else {
+      for (uint32_t i = 0; i < count; ++i) {
+        TestHit(state_, triangles_, hits_[i].what >> kTriangleShift, hits_[i].first,
+                hits_[i].what & kLaneBits);
       }
     }
     return 0;
+  }
+
+  /// Of triangles that stop all light. Whether any sample is behind one, or on it, nothing foretells: both
+  /// are recorded without asking.
+  HWY_INLINE void TestOpaqueHits(uint32_t count) {
+    const SampleArrays samples = state_.samples;
+    const Triangles triangles = triangles_;
+    uint32_t* const shadow = state_.shadow;
+    uint32_t* const touched = state_.touched;
+    for (uint32_t i = 0; i < count; ++i) {
+      const uint32_t first = hits_[i].first, inside = hits_[i].what & kLaneBits;
+      const PlaneLanes lanes = TestPlane(samples, triangles, hits_[i].what >> kTriangleShift, first);
+      SetBits(shadow, first, lanes.behind & inside);
+      const uint32_t on = lanes.on & inside;
+      const uint32_t again = SetBits(touched, first, on) & on;
+      if (again != 0) SetBits(state_.touched_twice, first, again);
+    }
   }
 
   const WalkTask& state_;

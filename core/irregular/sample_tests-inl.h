@@ -150,19 +150,19 @@ struct PlaneLanes {
 };
 
 /// Which samples lie behind a triangle's plane, and which on it, within the error bound?
-HWY_INLINE PlaneLanes TestPlane(const WalkTask& state, const Triangles& t, uint32_t triangle,
+HWY_INLINE PlaneLanes TestPlane(const SampleArrays& samples, const Triangles& t, uint32_t triangle,
                                 uint32_t first) {
   const float* column = t.rows + triangle;
-  const VF u = hn::LoadU(df, state.samples.u + first);
-  const VF v = hn::LoadU(df, state.samples.v + first);
-  const VF depth = hn::LoadU(df, state.samples.depth + first);
+  const VF u = hn::LoadU(df, samples.u + first);
+  const VF v = hn::LoadU(df, samples.v + first);
+  const VF depth = hn::LoadU(df, samples.depth + first);
   MF lanes = hn::Ge(depth, Broadcast(column, kNearest));
   if (t.IsSliver(triangle)) lanes = hn::And(lanes, BetweenEnds(column, u, v));
   const VF height =
       hn::MulAdd(Broadcast(column, kPlane), u,
                  hn::MulAdd(Broadcast(column, kPlane + 1), v,
                             hn::MulAdd(Broadcast(column, kPlane + 2), depth, Broadcast(column, kPlane + 3))));
-  const VF bound = hn::Mul(Broadcast(column, kPlaneLength), hn::LoadU(df, state.samples.error + first));
+  const VF bound = hn::Mul(Broadcast(column, kPlaneLength), hn::LoadU(df, samples.error + first));
   return {BitsOf(hn::And(lanes, hn::Gt(height, bound))),
           BitsOf(hn::And(lanes, hn::Le(hn::Abs(height), bound)))};
 }
@@ -170,19 +170,8 @@ HWY_INLINE PlaneLanes TestPlane(const WalkTask& state, const Triangles& t, uint3
 /// Of the samples in `inside`, which lie in the cone of the corners: are they behind the triangle?
 HWY_INLINE void TestHit(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
                         uint32_t inside) {
-  const PlaneLanes lanes = TestPlane(state, t, triangle, first);
+  const PlaneLanes lanes = TestPlane(state.samples, t, triangle, first);
   Record(state, t, triangle, first, lanes.behind & inside, lanes.on & inside);
-}
-
-/// The same for a triangle that stops all light. Whether any sample is behind it, or on it, nothing
-/// foretells: both are recorded without asking.
-HWY_INLINE void TestOpaqueHit(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
-                              uint32_t inside) {
-  const PlaneLanes lanes = TestPlane(state, t, triangle, first);
-  SetBits(state.shadow, first, lanes.behind & inside);
-  const uint32_t on = lanes.on & inside;
-  const uint32_t again = SetBits(state.touched, first, on) & on;
-  if (again != 0) SetBits(state.touched_twice, first, again);
 }
 
 /// A run of sorted samples.
