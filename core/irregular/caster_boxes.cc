@@ -2,72 +2,159 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "core/irregular/parallel.h"
 
-namespace shadowfit::irregular {
-namespace {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/irregular/caster_boxes.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+#include "core/irregular/simd.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::irregular {
+namespace HWY_NAMESPACE {
 
 /// By how much a direction may be off: plane coordinates by that times 1 + u^2 + v^2, and those of a
-/// directional light by that share of themselves.
-constexpr double kSlack = 6e-4;
+/// directional light by that share of themselves. It covers the rounding of corners and samples to single
+/// precision, and that of slivers' edges.
+constexpr float kSlack = 6e-4f;
+/// Rounding of what follows here, as a share of the box's distance from the light.
+constexpr float kRoundoff = 1e-6f;
+/// Boxes farther off, or nearer, over- or underflow in single precision.
+constexpr float kMostSize = 1e17f, kLeastSize = 1e-17f;
 
-struct Box {
-  float u_min, v_min, u_max, v_max, nearest;
+/// Boxes of kLanes clusters in the world, around the light.
+struct ClusterLanes {
+  VF centre[3], extent[3];
+  VF size;  ///< Sum of their coordinates' magnitudes.
+
+  HWY_INLINE ClusterLanes(const FaceFrame& frame, const MaskScene::Cluster* clusters, size_t count) {
+    constexpr size_t kFours = sizeof(MaskScene::Cluster) / (4 * sizeof(float));
+    static_assert(alignof(MaskScene::Cluster) % (4 * sizeof(float)) == 0);
+    HWY_ALIGN uint32_t index[kLanes];
+    for (size_t i = 0; i < kLanes; ++i) index[i] = static_cast<uint32_t>(kFours * std::min(i, count - 1));
+    const float* const first = &clusters->ws_min.x;
+    VF a[4], b[4];
+    for (size_t k = 0; k < 4; ++k) {
+      a[k] = EveryFourth(df, first, index + k);
+      b[k] = EveryFourth(df, first + 4, index + k);
+    }
+    TransposeBlocks(a);
+    TransposeBlocks(b);
+    const VF low[3] = {a[0], a[1], a[2]}, high[3] = {a[3], b[0], b[1]};
+    const VF half = hn::Set(df, 0.5f);
+    size = hn::Zero(df);
+    for (int i = 0; i < 3; ++i) {
+      const auto from_origin = [&](VF x) HWY_ATTR {
+        return hn::Sub(hn::Sub(x, hn::Set(df, frame.origin[i])), hn::Set(df, frame.origin_rest[i]));
+      };
+      const VF l = from_origin(low[i]), h = from_origin(high[i]);
+      centre[i] = hn::Mul(half, hn::Add(l, h));
+      extent[i] = hn::Mul(half, hn::Sub(h, l));
+      size = hn::Add(size, hn::Add(hn::Abs(l), hn::Abs(h)));
+    }
+  }
+
+  /// Of the linear function with these factors: its value in the middle, and by how much it differs at most.
+  HWY_INLINE void Range(const float factors[3], VF* at, VF* reach) const {
+    *at = *reach = hn::Zero(df);
+    for (int i = 0; i < 3; ++i) {
+      *at = hn::MulAdd(hn::Set(df, factors[i]), centre[i], *at);
+      *reach = hn::MulAdd(hn::Set(df, std::abs(factors[i])), extent[i], *reach);
+    }
+  }
 };
 
-/// Encloses the corners' box as the face sees it, whose samples have |u| and |v| up to `widest`. The slack
-/// covers the rounding of corners and samples to single precision, and that of slivers' edges.
-Box BoxOf(const LightFrame& frame, const Face& face, double widest, const MaskScene::Cluster& cluster) {
-  const glm::dvec3 low = glm::dvec3(cluster.ws_min) - frame.ws_origin;
-  const glm::dvec3 high = glm::dvec3(cluster.ws_max) - frame.ws_origin;
-  const glm::dvec3 centre = 0.5 * (low + high), extent = 0.5 * (high - low);
-  double least[3], most[3];
-  for (int row = 0; row < 3; ++row) {
-    const double* m = face.rotation[row];
-    const double at = m[0] * centre.x + m[1] * centre.y + m[2] * centre.z;
-    const double reach = std::abs(m[0]) * extent.x + std::abs(m[1]) * extent.y + std::abs(m[2]) * extent.z;
-    const double slack = 1e-5 * (std::abs(at) + reach);
-    least[row] = at - reach - slack;
-    most[row] = at + reach + slack;
+struct BoxLanes {
+  VF u_min, v_min, u_max, v_max, nearest;
+
+  HWY_INLINE void Set(MF lanes, float low, float high, float depth) {
+    u_min = hn::IfThenElse(lanes, hn::Set(df, low), u_min);
+    v_min = hn::IfThenElse(lanes, hn::Set(df, low), v_min);
+    u_max = hn::IfThenElse(lanes, hn::Set(df, high), u_max);
+    v_max = hn::IfThenElse(lanes, hn::Set(df, high), v_max);
+    nearest = hn::IfThenElse(lanes, hn::Set(df, depth), nearest);
   }
-  double u[2] = {least[0], most[0]}, v[2] = {least[1], most[1]};
-  double nearest = least[2];
-  if (!frame.directional) {
-    constexpr Box kNone = {kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
-    if (!(most[2] > 0.0)) return kNone;
+};
+
+/// Encloses the clusters as a face sees them, whose samples have |u| and |v| up to `widest`.
+HWY_INLINE BoxLanes BoxesOf(bool directional, const FaceFrame& frame, float widest,
+                            const ClusterLanes& clusters) {
+  const VF one = hn::Set(df, 1.0f), zero = hn::Zero(df), slack_share = hn::Set(df, kSlack);
+  const VF roundoff = hn::Mul(clusters.size, hn::Set(df, kRoundoff));
+  VF least[3], most[3];
+  for (int row = 0; row < 3; ++row) {
+    VF at, reach;
+    clusters.Range(frame.rotation[row], &at, &reach);
+    const VF slack = hn::MulAdd(hn::Add(hn::Abs(at), reach), hn::Set(df, 1e-5f), roundoff);
+    least[row] = hn::Sub(hn::Sub(at, reach), slack);
+    most[row] = hn::Add(hn::Add(at, reach), slack);
+  }
+  VF u[2] = {least[0], most[0]}, v[2] = {least[1], most[1]};
+  VF nearest = least[2];
+  MF none = NoLanes();
+  const MF usable =
+      hn::And(hn::Lt(clusters.size, hn::Set(df, kMostSize)), hn::Gt(clusters.size, hn::Set(df, kLeastSize)));
+  MF all = hn::Not(usable);
+  if (!directional) {
+    none = hn::Not(hn::Gt(most[2], zero));
     // Beyond a side of the pyramid that holds the samples' rays, by as much as the slack below at its edge?
-    const double margin = kSlack * (1.0 + 2.0 * widest * widest) * most[2];
+    const VF margin = hn::MulAdd(most[2], hn::Set(df, kSlack * (1.0f + 2.0f * widest * widest)),
+                                 hn::Mul(roundoff, hn::Set(df, 1.0f + widest)));
     for (int row = 0; row < 2; ++row) {
-      for (const double sign : {-1.0, 1.0}) {
-        double at = 0.0, reach = 0.0;
-        for (int i = 0; i < 3; ++i) {
-          const double side = sign * face.rotation[row][i] - widest * face.rotation[2][i];
-          at += side * centre[i];
-          reach += std::abs(side) * extent[i];
-        }
-        if (at - reach > margin) return kNone;
+      for (const float sign : {-1.0f, 1.0f}) {
+        float side[3];
+        for (int i = 0; i < 3; ++i) side[i] = sign * frame.rotation[row][i] - widest * frame.rotation[2][i];
+        VF at, reach;
+        clusters.Range(side, &at, &reach);
+        none = hn::Or(none, hn::Gt(hn::Sub(at, reach), margin));
       }
     }
-    if (!(least[2] > 1e-3 * most[2])) return {-kInfinity, -kInfinity, kInfinity, kInfinity, -kInfinity};
-    for (double* x : {u, v}) {
-      x[0] /= x[0] < 0.0 ? least[2] : most[2];
-      x[1] /= x[1] > 0.0 ? least[2] : most[2];
+    all = hn::Or(all, hn::Not(hn::Gt(least[2], hn::Mul(most[2], hn::Set(df, 1e-3f)))));
+    const VF inverse_least = hn::Div(one, least[2]), inverse_most = hn::Div(one, most[2]);
+    for (VF* x : {u, v}) {
+      x[0] = hn::Mul(x[0], hn::IfThenElse(hn::Lt(x[0], zero), inverse_least, inverse_most));
+      x[1] = hn::Mul(x[1], hn::IfThenElse(hn::Gt(x[1], zero), inverse_least, inverse_most));
     }
-    nearest = -1.0 / least[2];
+    nearest = hn::Neg(inverse_least);
   }
-  const double reach_u = std::max(std::abs(u[0]), std::abs(u[1]));
-  const double reach_v = std::max(std::abs(v[0]), std::abs(v[1]));
-  const double slack =
-      kSlack * (frame.directional ? std::max(reach_u, reach_v) : 1.0 + reach_u * reach_u + reach_v * reach_v);
-  return {static_cast<float>(u[0] - slack), static_cast<float>(v[0] - slack),
-          static_cast<float>(u[1] + slack), static_cast<float>(v[1] + slack), static_cast<float>(nearest)};
+  const VF reach_u = hn::Max(hn::Abs(u[0]), hn::Abs(u[1]));
+  const VF reach_v = hn::Max(hn::Abs(v[0]), hn::Abs(v[1]));
+  const VF unit = directional ? hn::Max(reach_u, reach_v)
+                              : hn::MulAdd(reach_u, reach_u, hn::MulAdd(reach_v, reach_v, one));
+  const VF slack = hn::Mul(slack_share, unit);
+  BoxLanes box = {hn::Sub(u[0], slack), hn::Sub(v[0], slack), hn::Add(u[1], slack), hn::Add(v[1], slack),
+                  nearest};
+  box.Set(all, -kInfinity, kInfinity, -kInfinity);
+  box.Set(hn::And(none, usable), kInfinity, -kInfinity, kInfinity);
+  return box;
 }
 
-}  // namespace
+void BoxesOfClustersImpl(const LightFrame& light, const Face& face, float widest,
+                         std::span<const MaskScene::Cluster> clusters, size_t stride, float* out) {
+  const FaceFrame frame(light, face);
+  for (size_t i = 0; i < clusters.size(); i += kLanes) {
+    const ClusterLanes lanes(frame, clusters.data() + i, clusters.size() - i);
+    const BoxLanes box = BoxesOf(light.directional, frame, widest, lanes);
+    const VF values[5] = {box.u_min, box.v_min, box.u_max, box.v_max, box.nearest};
+    for (size_t k = 0; k < 5; ++k) {
+      hn::BlendedStore(
+          values[k], LanesOf(FirstBits(static_cast<uint32_t>(std::min<size_t>(clusters.size() - i, kLanes)))),
+          df, out + k * stride + i);
+    }
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace shadowfit::irregular
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace shadowfit::irregular {
+
+HWY_EXPORT(BoxesOfClustersImpl);
 
 BoxArrays CasterBoxes::Of(int face) const {
   const float* first = values_.data() + static_cast<size_t>(face) * 5 * stride_;
@@ -80,21 +167,15 @@ bool CasterBoxes::Compute(std::span<const CasterSegment> segments, const LightPl
   for (const CasterSegment& segment : segments) count_ += segment.clusters.size();
   stride_ = (count_ + 2 * kPadding - 1) / kPadding * kPadding;
   if (!values_.Reserve(static_cast<size_t>(plan.face_count) * 5 * stride_)) return false;
+  const float widest = plan.face_count == 1 ? kWidestFace : 1.0f;
   size_t first = 0;
   for (const CasterSegment& segment : segments) {
-    ForEachPiece(segment.clusters.size(), 256, [&](size_t begin, size_t end) {
+    ForEachPiece(segment.clusters.size(), 4096, [&](size_t begin, size_t end) {
       if (cancellation != nullptr && cancellation->Requested()) return;
-      const double widest = plan.face_count == 1 ? static_cast<double>(kWidestFace) : 1.0;
       for (int f = 0; f < plan.face_count; ++f) {
-        float* const out = values_.data() + static_cast<size_t>(f) * 5 * stride_ + first;
-        for (size_t i = begin; i < end; ++i) {
-          const Box box = BoxOf(plan.frame, plan.faces[static_cast<size_t>(f)], widest, segment.clusters[i]);
-          out[i] = box.u_min;
-          out[stride_ + i] = box.v_min;
-          out[2 * stride_ + i] = box.u_max;
-          out[3 * stride_ + i] = box.v_max;
-          out[4 * stride_ + i] = box.nearest;
-        }
+        HWY_DYNAMIC_DISPATCH(BoxesOfClustersImpl)
+        (plan.frame, plan.faces[static_cast<size_t>(f)], widest, segment.clusters.subspan(begin, end - begin),
+         stride_, values_.data() + static_cast<size_t>(f) * 5 * stride_ + first + begin);
       }
     });
     first += segment.clusters.size();
@@ -103,3 +184,4 @@ bool CasterBoxes::Compute(std::span<const CasterSegment> segments, const LightPl
 }
 
 }  // namespace shadowfit::irregular
+#endif  // HWY_ONCE

@@ -50,7 +50,7 @@ class MaskScene {
   // places of an instance's last block hold NaN.
 
   /// Blocks of one instance that lie near each other.
-  struct Cluster {
+  struct alignas(16) Cluster {
     glm::vec3 ws_min, ws_max;
     uint32_t first_block = 0;
     uint32_t block_count = 0;

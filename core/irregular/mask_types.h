@@ -78,6 +78,20 @@ struct Face {
   }
 };
 
+/// A face's coordinates in single precision, which bounds suffice with.
+struct FaceFrame {
+  float origin[3], origin_rest[3];  ///< Together to nearly twice single precision.
+  float rotation[3][3];
+
+  FaceFrame(const LightFrame& frame, const Face& face) {
+    for (int i = 0; i < 3; ++i) {
+      origin[i] = static_cast<float>(frame.ws_origin[i]);
+      origin_rest[i] = static_cast<float>(frame.ws_origin[i] - static_cast<double>(origin[i]));
+      for (int row = 0; row < 3; ++row) rotation[row][i] = static_cast<float>(face.rotation[row][i]);
+    }
+  }
+};
+
 /// A sample in plane coordinates of its face.
 struct alignas(16) Sample {
   float u, v, depth;

@@ -47,20 +47,6 @@ struct Corner {
   VF r[3];
 };
 
-/// A face's coordinates in single precision, which bounds suffice with.
-struct FaceFrame {
-  float origin[3], origin_rest[3];  ///< Together to nearly twice single precision.
-  float rotation[3][3];
-
-  FaceFrame(const LightFrame& frame, const Face& face) {
-    for (int i = 0; i < 3; ++i) {
-      origin[i] = static_cast<float>(frame.ws_origin[i]);
-      origin_rest[i] = static_cast<float>(frame.ws_origin[i] - static_cast<double>(origin[i]));
-      for (int row = 0; row < 3; ++row) rotation[row][i] = static_cast<float>(face.rotation[row][i]);
-    }
-  }
-};
-
 /// Corners in single precision. The difference to the origin is rounded only after it has been taken, so that
 /// the error is relative to the distance from the light.
 HWY_INLINE void TransformBlock(const FaceFrame& frame, const float* geometry, int offset, Corner corners[3]) {
