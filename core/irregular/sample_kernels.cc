@@ -80,29 +80,62 @@ HWY_INLINE MF MaskOfHalves(const hn::Mask<DD> halves[2]) {
   return hn::Gt(CombineHalves(ones), hn::Zero(df));
 }
 
-/// Of each lane the side of the cube that its ray leaves through, as LightPlan numbers them, or -1. Ties go
-/// to the last axis, so that each ray has one.
-HWY_INLINE VF SidesOf(const Homogeneous& p) {
-  VH sides[2];
+/// kLanes samples on their faces: x, y, w of the face times W, lower and upper half.
+struct OnFace {
+  VD x[2], y[2], w[2];
+  VF side;         ///< The side of the cube that a ray leaves through, as LightPlan numbers them, or -1.
+  VF z_slopes[3];  ///< Changes of x, y, w with window depth.
+};
+
+/// On the single face.
+HWY_INLINE OnFace OnTheFace(const Homogeneous& p, const double col_z[4]) {
+  OnFace out;
   for (int half = 0; half < 2; ++half) {
-    VD r[3], a[3];
-    for (int i = 0; i < 3; ++i) {
-      r[i] = hn::Mul(p.h[i][half], hn::CopySign(hn::Set(dd, 1.0), p.h[3][half]));
-      a[i] = hn::Abs(r[i]);
-    }
-    VD side = hn::Set(dd, -1.0);
-    for (int axis = 0; axis < 3; ++axis) {
-      auto largest = hn::Gt(a[axis], hn::Zero(dd));
-      for (int other = 0; other < 3; ++other) {
-        if (other == axis) continue;
-        largest = hn::And(largest, other > axis ? hn::Gt(a[axis], a[other]) : hn::Ge(a[axis], a[other]));
-      }
-      const VD negative = hn::IfThenElseZero(hn::Lt(r[axis], hn::Zero(dd)), hn::Set(dd, 1.0));
-      side = hn::IfThenElse(largest, hn::Add(hn::Set(dd, 2.0 * axis), negative), side);
-    }
-    sides[half] = hn::DemoteTo(dh, side);
+    out.x[half] = p.h[0][half];
+    out.y[half] = p.h[1][half];
+    out.w[half] = p.h[2][half];
   }
-  return CombineHalves(sides);
+  out.side = hn::Zero(df);
+  for (int i = 0; i < 3; ++i) out.z_slopes[i] = hn::Set(df, static_cast<float>(col_z[i]));
+  return out;
+}
+
+/// On the sides of the cube, each lane on its own. Rays between two sides go to the last of them.
+HWY_INLINE OnFace OnSides(const Homogeneous& p, const double col_z[4]) {
+  OnFace out;
+  VH sides[2];
+  const VD zero = hn::Zero(dd), one = hn::Set(dd, 1.0);
+  for (int half = 0; half < 2; ++half) {
+    const VD h[3] = {p.h[0][half], p.h[1][half], p.h[2][half]};
+    const VD a[3] = {hn::Abs(h[0]), hn::Abs(h[1]), hn::Abs(h[2])};
+    const VD largest = hn::Max(a[0], hn::Max(a[1], a[2]));
+    const auto is_z = hn::Ge(a[2], largest);
+    const auto is_y = hn::AndNot(is_z, hn::Ge(a[1], largest));
+    const auto choose = [&](VD x, VD y, VD z)
+                            HWY_ATTR { return hn::IfThenElse(is_z, z, hn::IfThenElse(is_y, y, x)); };
+    out.x[half] = choose(h[1], h[2], h[0]);
+    out.y[half] = choose(h[2], h[0], h[1]);
+    const VD along = choose(h[0], h[1], h[2]);
+    // The ray is h / W.
+    const auto negative = hn::Lt(hn::Mul(along, hn::CopySign(one, p.h[3][half])), zero);
+    out.w[half] = hn::IfThenElse(negative, hn::Neg(along), along);
+    const VD side =
+        hn::Add(choose(zero, hn::Set(dd, 2.0), hn::Set(dd, 4.0)), hn::IfThenElseZero(negative, one));
+    sides[half] = hn::DemoteTo(dh, hn::IfThenElse(hn::Gt(largest, zero), side, hn::Neg(one)));
+  }
+  out.side = CombineHalves(sides);
+  const MF is_z = hn::Ge(out.side, hn::Set(df, 4.0f)), is_y = hn::Ge(out.side, hn::Set(df, 2.0f));
+  const VF odd =
+      hn::Sub(out.side, hn::IfThenElse(is_z, hn::Set(df, 4.0f), hn::IfThenElseZero(is_y, hn::Set(df, 2.0f))));
+  const float slopes[3] = {static_cast<float>(col_z[0]), static_cast<float>(col_z[1]),
+                           static_cast<float>(col_z[2])};
+  for (size_t i = 0; i < 3; ++i) {
+    const VF of[3] = {hn::Set(df, slopes[(i + 1) % 3]), hn::Set(df, slopes[(i + 2) % 3]),
+                      hn::Set(df, slopes[i])};
+    out.z_slopes[i] = hn::IfThenElse(is_z, of[2], hn::IfThenElse(is_y, of[1], of[0]));
+  }
+  out.z_slopes[2] = hn::IfThenElse(hn::Eq(odd, hn::Set(df, 1.0f)), hn::Neg(out.z_slopes[2]), out.z_slopes[2]);
+  return out;
 }
 
 HWY_INLINE MF OutsideCone(const LightFrame& frame, const Homogeneous& p) {
@@ -121,27 +154,14 @@ struct Projected {
   VF inverse_w;  ///< One for a directional light.
 };
 
-/// The axes of a face; those of a single one are known to the compiler.
-template <bool kSingle>
-struct Axes {
-  int w;
-  double sign;
-
-  HWY_INLINE explicit Axes(const Face& face) : w(kSingle ? 2 : face.axis), sign(kSingle ? 1.0 : face.sign) {}
-  int u() const { return kSingle ? 0 : (w + 1) % 3; }
-  int v() const { return kSingle ? 1 : (w + 2) % 3; }
-};
-
-template <bool kSingle>
-HWY_INLINE Projected Project(bool directional, const Axes<kSingle>& axes, const Homogeneous& p) {
+HWY_INLINE Projected Project(bool directional, const OnFace& p, const VD big_w[2]) {
   VH u[2], v[2], depth[2];
   for (int half = 0; half < 2; ++half) {
-    const VD w = kSingle ? p.h[2][half] : hn::Mul(p.h[axes.w][half], hn::Set(dd, axes.sign));
-    const VD inverse = hn::Div(hn::Set(dd, 1.0), directional ? p.h[3][half] : w);
-    u[half] = hn::DemoteTo(dh, hn::Mul(p.h[axes.u()][half], inverse));
-    v[half] = hn::DemoteTo(dh, hn::Mul(p.h[axes.v()][half], inverse));
+    const VD inverse = hn::Div(hn::Set(dd, 1.0), directional ? big_w[half] : p.w[half]);
+    u[half] = hn::DemoteTo(dh, hn::Mul(p.x[half], inverse));
+    v[half] = hn::DemoteTo(dh, hn::Mul(p.y[half], inverse));
     depth[half] =
-        hn::DemoteTo(dh, directional ? hn::Mul(w, inverse) : hn::Mul(hn::Neg(p.h[3][half]), inverse));
+        hn::DemoteTo(dh, directional ? hn::Mul(p.w[half], inverse) : hn::Mul(hn::Neg(big_w[half]), inverse));
   }
   Projected out;
   out.u = CombineHalves(u);
@@ -167,9 +187,8 @@ HWY_INLINE MF Fits(bool directional, const Projected& p) {
 /// How far a sample may be from the true surface point, as a share of w (directional: itself). Its depth's
 /// error moves it along its view ray, by d(h/W)/dz = (dh/dz - r dW/dz) / W; to that comes the rounding of the
 /// sample itself, of the triangle's vertices and of the plane's distance: see SetUpBlock.
-template <bool kSingle>
-HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const Axes<kSingle>& axes,
-                      const Homogeneous& p, const Projected& at, VF z) {
+HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const VF z_slopes[3], const VD big_w[2],
+                      const Projected& at, VF z) {
   const VF one = hn::Set(df, 1.0f);
   const VF r2 = hn::MulAdd(at.u, at.u, hn::Mul(at.v, at.v));
   const VF third = directional ? at.depth : one;
@@ -177,16 +196,13 @@ HWY_INLINE VF ErrorOf(bool directional, const LayerSource& layer, const Axes<kSi
   error = hn::MulAdd(at.inverse_w, hn::Set(df, layer.origin_error), error);
   if (layer.ws_positions.bottom_row != nullptr) return error;
   const VF r[3] = {at.u, at.v, third};
-  const double* col_z = layer.ray_from_pixel.col_z;
-  const VF w_slope = hn::Set(df, static_cast<float>(col_z[3]));
+  const VF w_slope = hn::Set(df, static_cast<float>(layer.ray_from_pixel.col_z[3]));
   VF slope2 = hn::Zero(df);
-  const double slopes[3] = {col_z[axes.u()], col_z[axes.v()], col_z[axes.w] * axes.sign};
   for (int i = 0; i < 3; ++i) {
-    const VF s =
-        hn::NegMulAdd(r[i], w_slope, hn::Mul(hn::Set(df, static_cast<float>(slopes[i])), at.inverse_w));
+    const VF s = hn::NegMulAdd(r[i], w_slope, hn::Mul(z_slopes[i], at.inverse_w));
     slope2 = hn::MulAdd(s, s, slope2);
   }
-  const VH w[2] = {hn::DemoteTo(dh, p.h[3][0]), hn::DemoteTo(dh, p.h[3][1])};
+  const VH w[2] = {hn::DemoteTo(dh, big_w[0]), hn::DemoteTo(dh, big_w[1])};
   const VF depth_error =
       hn::MulAdd(z, hn::Set(df, layer.depth_relative_error), hn::Set(df, layer.depth_absolute_error));
   return hn::MulAdd(hn::Sqrt(slope2), hn::Div(depth_error, hn::Abs(CombineHalves(w))), error);
@@ -346,31 +362,26 @@ HWY_INLINE void ProjectLines(const PieceTask& task, const Lines& lines, size_t s
         facing |= BitsOf(away) << i;
         left = hn::AndNot(away, left);
       }
-      VF out[4] = {hn::Zero(df), hn::Zero(df), hn::Zero(df), hn::Zero(df)};
-      VU face_of = hn::Zero(du);
-      VF sides = hn::Zero(df);
-      if constexpr (!kSingle) sides = SidesOf(p);
-      for (int f = 0; f < (kSingle ? 1 : 6); ++f) {
-        const Axes<kSingle> axes(task.faces[f]);
-        MF on = left;
-        if constexpr (!kSingle) {
-          on = hn::And(on, hn::Eq(sides, hn::Set(df, static_cast<float>(f))));
-          if (hn::AllFalse(df, on)) continue;
+      const double* const col_z = layer.ray_from_pixel.col_z;
+      const OnFace on_face = kSingle ? OnTheFace(p, col_z) : OnSides(p, col_z);
+      const Projected at = Project(frame.directional, on_face, p.h[3]);
+      MF on = hn::And(left, Fits(frame.directional, at));
+      if constexpr (kSingle) {
+        extents[0].Add(at, on);
+      } else {
+        on = hn::And(on, hn::Ge(on_face.side, hn::Zero(df)));
+        for (int f = 0; f < 6; ++f) {
+          const MF here = hn::And(on, hn::Eq(on_face.side, hn::Set(df, static_cast<float>(f))));
+          if (!hn::AllFalse(df, here)) extents[f].Add(at, here);
         }
-        const Projected at = Project(frame.directional, axes, p);
-        on = hn::And(on, Fits(frame.directional, at));
-        extents[f].Add(at, on);
-        const VF on_face[4] = {at.u, at.v, at.depth, ErrorOf(frame.directional, layer, axes, p, at, z)};
-        for (int k = 0; k < 4; ++k) out[k] = kSingle ? on_face[k] : hn::IfThenElse(on, on_face[k], out[k]);
-        if constexpr (!kSingle) {
-          face_of = hn::IfThenElse(hn::RebindMask(du, on), hn::Set(du, static_cast<uint32_t>(f)), face_of);
-        }
-        placed |= BitsOf(on) << i;
-        left = hn::AndNot(on, left);
+        const VI side = hn::ConvertTo(di, hn::IfThenElseZero(on, on_face.side));
+        hn::Store(hn::BitCast(du, side), du, task.face_of + pixel);
       }
+      placed |= BitsOf(on) << i;
+      left = hn::AndNot(on, left);
+      VF out[4] = {at.u, at.v, at.depth, ErrorOf(frame.directional, layer, on_face.z_slopes, p.h[3], at, z)};
       TransposeBlocks(out);
       for (size_t k = 0; k < 4; ++k) hn::Store(out[k], df, SlotsOf(task.samples, pixel, k));
-      if constexpr (!kSingle) hn::Store(face_of, du, task.face_of + pixel);
       uint32_t here = BitsOf(sample);
       if (const uint32_t lost = BitsOf(left); lost != 0) {
         const uint32_t finite = FiniteLanes(p, lost);
