@@ -205,38 +205,46 @@ HWY_INLINE bool CollectRuns(const Face& face, const TriangleLanes& lanes, uint32
   return met;
 }
 
-/// Edges and planes of triangles [offset, offset + kLanes) of a block, and the tests of those that are taken
-/// one by one. The block's first triangle has the number `first`.
+/// Edges and planes of triangles [offset, offset + kLanes) of a block. Those that are degenerate are no more
+/// to be tested one by one.
 template <bool kDirectional>
-void SetUpLanes(const WalkTask& state, const float* geometry, int offset, const TriangleLanes& lanes,
-                uint32_t first, BlockSetup* setup, Triangles* triangles, RunQueue* queue) {
+void SetUpLanes(const WalkTask& state, const float* geometry, int offset, TriangleLanes* lanes,
+                BlockSetup* setup, Triangles* triangles) {
+  const uint32_t valid = SetUpBlock<kDirectional>(*state.frame, *state.face, geometry, lanes->corners, offset,
+                                                  lanes->compact, setup);
+  lanes->large &= valid;
+  lanes->clipped &= valid;
+  // What is left of those that are clipped depends on the samples, the answer must not.
+  hn::Store(hn::IfThenElse(lanes->bounded, lanes->nearest, hn::Set(df, -kInfinity)), df,
+            &setup->rows[kNearest][offset]);
+  if (lanes->compact) {
+    hn::Store(hn::Zero(df), df, &setup->rows[kSpread][offset]);
+    return;
+  }
+  const VF spread = hn::Load(df, &setup->rows[kSpread][offset]);
+  const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
+  triangles->slivers |= slivers != 0;
+  const uint32_t tested = (BitsOf(lanes->few) & valid) | lanes->large | lanes->clipped;
+  for (uint32_t bits = tested & slivers; bits != 0; bits &= bits - 1) {
+    SetUpEnds(kDirectional, offset + std::countr_zero(bits), setup);
+  }
+}
+
+/// Tests those of a block's triangles [offset, offset + kLanes) that are neither in few rows nor out of the
+/// way. The block's first triangle has the number `first`.
+template <bool kDirectional>
+HWY_NOINLINE void TestOneByOne(const WalkTask& state, const float* geometry, int offset,
+                               const TriangleLanes& lanes, uint32_t first, const BlockSetup& setup,
+                               const Triangles& triangles, RunQueue* queue) {
   const bool exhaustive = state.search == Search::kExhaustive;
   const Face& face = *state.face;
-  const uint32_t valid =
-      SetUpBlock<kDirectional>(*state.frame, face, geometry, lanes.corners, offset, lanes.compact, setup);
-  // What is left of those that are clipped depends on the samples, the answer must not.
-  hn::Store(hn::IfThenElse(lanes.bounded, lanes.nearest, hn::Set(df, -kInfinity)), df,
-            &setup->rows[kNearest][offset]);
-  if (lanes.compact) {
-    hn::Store(hn::Zero(df), df, &setup->rows[kSpread][offset]);
-  } else {
-    const VF spread = hn::Load(df, &setup->rows[kSpread][offset]);
-    const uint32_t slivers = BitsOf(hn::Not(hn::Le(spread, hn::Set(df, kSliverSpread))));
-    triangles->slivers |= slivers != 0;
-    const uint32_t tested = (BitsOf(lanes.few) | lanes.large | lanes.clipped) & valid;
-    for (uint32_t bits = tested & slivers; bits != 0; bits &= bits - 1) {
-      SetUpEnds(kDirectional, offset + std::countr_zero(bits), setup);
-    }
-  }
-
-  if (!lanes.OneByOne()) return;
   HWY_ALIGN float u[3][kLanes], v[3][kLanes], pads[kLanes];
   hn::Store(lanes.pad, df, pads);
   for (int corner = 0; corner < 3; ++corner) {
     hn::Store(lanes.at.u[corner], df, u[corner]);
     hn::Store(lanes.at.v[corner], df, v[corner]);
   }
-  for (uint32_t bits = (lanes.large | lanes.clipped) & valid; bits != 0; bits &= bits - 1) {
+  for (uint32_t bits = lanes.large | lanes.clipped; bits != 0; bits &= bits - 1) {
     const int i = std::countr_zero(bits);
     const int lane = offset + i;
     const uint32_t triangle = first + static_cast<uint32_t>(lane);
@@ -252,15 +260,15 @@ void SetUpLanes(const WalkTask& state, const float* geometry, int offset, const 
       MeasureOutline(&outline);
     } else if (ClippedOutline(*state.frame, face, geometry, lane, &outline)) {
       const float face_reach = FaceReach(face);
-      outline.pad = 8.0f * kUnitRoundoff * (2.0f + std::min(setup->rows[kSpread][lane], kSliverSpread)) *
+      outline.pad = 8.0f * kUnitRoundoff * (2.0f + std::min(setup.rows[kSpread][lane], kSliverSpread)) *
                     (kDirectional ? 64.0f * face_reach : 1.0f + 2.0f * face_reach * face_reach);
     } else if (!exhaustive) {
       continue;
     }
     if (exhaustive) {
-      TestRun(state, *triangles, triangle, face.first_sample, face.end_sample);
+      TestRun(state, triangles, triangle, face.first_sample, face.end_sample);
     } else if (state.search == Search::kBsp) {
-      TestBsp(state, *triangles, triangle, *state.bsp, outline);
+      TestBsp(state, triangles, triangle, *state.bsp, outline);
     } else {
       TestRows(state, triangle, outline, queue);
     }
@@ -299,8 +307,15 @@ void WalkBlocks(const WalkTask& task, const FaceFrame& frame, const CasterBlocks
   }
   for (uint32_t bits = left; bits != 0; bits &= bits - 1) {
     const int i = std::countr_zero(bits);
-    SetUpLanes<kDirectional>(task, geometry_of(i), offset_of(i), lanes[i], first_of(i),
-                             &setups[i / kVectorsOfBlock], &triangles, &queue);
+    SetUpLanes<kDirectional>(task, geometry_of(i), offset_of(i), &lanes[i], &setups[i / kVectorsOfBlock],
+                             &triangles);
+    if (!lanes[i].OneByOne()) left &= ~(1u << i);
+  }
+  // Not before all are set up: the queue may be flushed on the way.
+  for (uint32_t bits = left; bits != 0; bits &= bits - 1) {
+    const int i = std::countr_zero(bits);
+    TestOneByOne<kDirectional>(task, geometry_of(i), offset_of(i), lanes[i], first_of(i),
+                               setups[i / kVectorsOfBlock], triangles, &queue);
   }
   queue.Flush();
 }

@@ -179,6 +179,37 @@ TEST(ShadowMasks, AwkwardTrianglesCrossBands) {
   brute_force.ExpectManyDecided();
 }
 
+/// More runs of large triangles than are collected at a time, in a cluster that ends with small ones.
+TEST(ShadowMasks, LargeTrianglesDoNotKeepSmallOnesFromTheirSamples) {
+  constexpr int kPieceWidth = 256, kPieceHeight = 128;
+  constexpr uint32_t kLarge = 40, kSmall = 24;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> unit(0.0f, 1.0f);
+  std::vector<glm::vec3> positions, points;
+  std::vector<glm::uvec3> triangles;
+  const auto add = [&](const glm::vec3& at, float size) {
+    const auto base = static_cast<uint32_t>(positions.size());
+    positions.insert(positions.end(), {at + glm::vec3(-size, -size, 0), at + glm::vec3(size, -size, 0),
+                                       at + glm::vec3(0, size, 0)});
+    triangles.emplace_back(base, base + 1, base + 2);
+  };
+  // Clusters are in Morton order: the lower ones come first.
+  for (uint32_t i = 0; i < kLarge; ++i) add({unit(random), unit(random), 0.2f * unit(random)}, 8.0f);
+  for (uint32_t i = 0; i < kSmall; ++i)
+    add({8.0f * unit(random) - 4.0f, 8.0f * unit(random) - 4.0f, 6.0f}, 0.2f);
+  for (int i = 0; i < kPieceWidth * kPieceHeight; ++i) {
+    points.emplace_back(16.0f * unit(random) - 8.0f, 16.0f * unit(random) - 8.0f, 0.1f + unit(random));
+  }
+  const auto mask_scene = MaskScene::Create(OneMeshScene(std::move(positions), std::move(triangles)));
+  ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
+  const Light light = PointLight{{0.0, 0.0, 20.0}};
+  MaskRenderer renderer;
+  const Rendered grid =
+      RenderPoints(&renderer, *mask_scene, points, kPieceWidth, light, MaskMethod::kGrid, MaskPieces::kSmall);
+  EXPECT_EQ(grid, RenderPoints(&renderer, *mask_scene, points, kPieceWidth, light, MaskMethod::kExhaustive));
+  EXPECT_GT(std::count(grid.in_shadow.begin(), grid.in_shadow.end(), true), 100);
+}
+
 TEST(ShadowMasks, OneSampleUnderATriangleAllAroundTheLight) {
   // No extent to cut rows of, and a caster that the light's plane of every face crosses.
   Scene scene;
