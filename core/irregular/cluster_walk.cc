@@ -47,7 +47,8 @@ bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& cast
         }
         ++walked;
         const auto geometry_of = [&segment, segment_begin](uint32_t number) {
-          return segment.geometry + size_t{segment.clusters[number - segment_begin].first_block} * kBlockFloats;
+          return segment.geometry +
+                 size_t{segment.clusters[number - segment_begin].first_block} * kBlockFloats;
         };
         CasterBlocks blocks;
         blocks.geometry = geometry_of(selected[i]);
