@@ -22,15 +22,18 @@
 
 namespace shadowfit {
 
-// Lives until gRPC has told it OnDone, whatever becomes of the FrameStream. One mutex guards all state;
-// Start* calls are made under it, which is safe because gRPC never runs a reaction inside them.
+// Its destructor waits for OnDone, and gRPC has let go of it then. No reaction may keep it alive, or the stub
+// or the context in it: with the last reference to a channel goes its completion queue, which waits for the
+// threads that run reactions and would be freed on one of them while that is in it.
+//
+// One mutex guards all state; Start* calls are made under it, which is safe because gRPC never runs a
+// reaction inside them.
 //
 // Traits: Request and Response of the stream, Frame in the one, Outcome for the caller, Service with the
 // stub, and Call(), which makes the call.
 template <typename Traits>
 class ClientStreamReactor final
-    : public grpc::ClientBidiReactor<typename Traits::Request, typename Traits::Response>,
-      public std::enable_shared_from_this<ClientStreamReactor<Traits>> {
+    : public grpc::ClientBidiReactor<typename Traits::Request, typename Traits::Response> {
   using Request = typename Traits::Request;
   using Response = typename Traits::Response;
   using Frame = typename Traits::Frame;
@@ -38,21 +41,19 @@ class ClientStreamReactor final
   using Clock = std::chrono::steady_clock;
 
  public:
-  ClientStreamReactor(std::shared_ptr<grpc::Channel> channel, std::string name,
+  ClientStreamReactor(const std::shared_ptr<grpc::Channel>& channel, std::string name,
                       const FrameStreamOptions& options)
-      : channel_(std::move(channel)),
-        name_(std::move(name)),
+      : name_(std::move(name)),
         options_(options),
-        stub_(Traits::Service::NewStub(channel_)),
-        slots_(std::max(1, options.max_in_flight)) {}
-
-  void Start() {
-    self_ = this->shared_from_this();
+        stub_(Traits::Service::NewStub(channel)),
+        slots_(std::max(1, options.max_in_flight)) {
     Traits::Call(*stub_, &context_, this);
     this->AddHold();  // Until the stream ends, so that Submit() may start writes from outside of reactions.
     this->StartRead(&response_);
     this->StartCall();
   }
+
+  ~ClientStreamReactor() override { Cancel(); }
 
   Frame* Acquire() {
     const std::lock_guard lock(mutex_);
@@ -192,7 +193,6 @@ class ClientStreamReactor final
   }
 
   void OnDone(const grpc::Status& status) override {
-    const std::shared_ptr<ClientStreamReactor> keep = std::move(self_);
     const std::lock_guard lock(mutex_);
     done_ = true;
     final_status_ = cancelled_ ? absl::CancelledError(absl::StrCat(name_, ": the stream was cancelled"))
@@ -289,12 +289,10 @@ class ClientStreamReactor final
     }
   }
 
-  const std::shared_ptr<grpc::Channel> channel_;
   const std::string name_;
   const FrameStreamOptions options_;
   const std::unique_ptr<typename Traits::Service::Stub> stub_;
   grpc::ClientContext context_;
-  std::shared_ptr<ClientStreamReactor> self_;
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;

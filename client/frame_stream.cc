@@ -22,33 +22,32 @@ struct OptimizeTraits {
 
 class FrameStream::Reactor {
  public:
-  std::shared_ptr<ClientStreamReactor<OptimizeTraits>> stream;
+  Reactor(const std::shared_ptr<grpc::Channel>& channel, std::string name, const FrameStreamOptions& options)
+      : stream(channel, std::move(name), options) {}
+
+  ClientStreamReactor<OptimizeTraits> stream;
 };
 
-FrameStream::FrameStream(std::shared_ptr<grpc::Channel> channel, std::string name,
+FrameStream::FrameStream(const std::shared_ptr<grpc::Channel>& channel, std::string name,
                          const FrameStreamOptions& options)
-    : reactor_(std::make_shared<Reactor>()) {
-  reactor_->stream =
-      std::make_shared<ClientStreamReactor<OptimizeTraits>>(std::move(channel), std::move(name), options);
-  reactor_->stream->Start();
-}
+    : reactor_(std::make_unique<Reactor>(channel, std::move(name), options)) {}
 
-FrameStream::~FrameStream() { reactor_->stream->Cancel(); }
+FrameStream::~FrameStream() = default;
 
-v1::Frame* FrameStream::Acquire() { return reactor_->stream->Acquire(); }
-absl::Status FrameStream::Submit(v1::Frame* frame) { return reactor_->stream->Submit(frame); }
-void FrameStream::Discard(v1::Frame* frame) { reactor_->stream->Discard(frame); }
+v1::Frame* FrameStream::Acquire() { return reactor_->stream.Acquire(); }
+absl::Status FrameStream::Submit(v1::Frame* frame) { return reactor_->stream.Submit(frame); }
+void FrameStream::Discard(v1::Frame* frame) { reactor_->stream.Discard(frame); }
 std::optional<FrameOutcome> FrameStream::Poll() {
-  return reactor_->stream->Wait(std::chrono::milliseconds(0));
+  return reactor_->stream.Wait(std::chrono::milliseconds(0));
 }
 std::optional<FrameOutcome> FrameStream::Wait(std::chrono::milliseconds timeout) {
-  return reactor_->stream->Wait(timeout);
+  return reactor_->stream.Wait(timeout);
 }
-int FrameStream::in_flight() const { return reactor_->stream->in_flight(); }
-absl::Status FrameStream::status() const { return reactor_->stream->status(); }
+int FrameStream::in_flight() const { return reactor_->stream.in_flight(); }
+absl::Status FrameStream::status() const { return reactor_->stream.status(); }
 absl::Status FrameStream::Finish(std::chrono::milliseconds timeout) {
-  return reactor_->stream->Finish(timeout);
+  return reactor_->stream.Finish(timeout);
 }
-void FrameStream::Cancel() { reactor_->stream->Cancel(); }
+void FrameStream::Cancel() { reactor_->stream.Cancel(); }
 
 }  // namespace shadowfit

@@ -49,8 +49,9 @@ struct FrameOutcome {
 class FrameStream {
  public:
   /// `name` stands for the service in error messages.
-  FrameStream(std::shared_ptr<grpc::Channel> channel, std::string name, const FrameStreamOptions& options);
-  /// Cancels what is under way.
+  FrameStream(const std::shared_ptr<grpc::Channel>& channel, std::string name,
+              const FrameStreamOptions& options);
+  /// Cancels what is under way, and returns when gRPC has let go of it.
   ~FrameStream();
   FrameStream(const FrameStream&) = delete;
   FrameStream& operator=(const FrameStream&) = delete;
@@ -85,7 +86,7 @@ class FrameStream {
 
  private:
   class Reactor;
-  std::shared_ptr<Reactor> reactor_;
+  std::unique_ptr<Reactor> reactor_;
 };
 
 }  // namespace shadowfit

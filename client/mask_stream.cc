@@ -22,31 +22,30 @@ struct MaskTraits {
 
 class MaskStream::Reactor {
  public:
-  std::shared_ptr<ClientStreamReactor<MaskTraits>> stream;
+  Reactor(const std::shared_ptr<grpc::Channel>& channel, std::string name, const FrameStreamOptions& options)
+      : stream(channel, std::move(name), options) {}
+
+  ClientStreamReactor<MaskTraits> stream;
 };
 
-MaskStream::MaskStream(std::shared_ptr<grpc::Channel> channel, std::string name,
+MaskStream::MaskStream(const std::shared_ptr<grpc::Channel>& channel, std::string name,
                        const FrameStreamOptions& options)
-    : reactor_(std::make_shared<Reactor>()) {
-  reactor_->stream =
-      std::make_shared<ClientStreamReactor<MaskTraits>>(std::move(channel), std::move(name), options);
-  reactor_->stream->Start();
-}
+    : reactor_(std::make_unique<Reactor>(channel, std::move(name), options)) {}
 
-MaskStream::~MaskStream() { reactor_->stream->Cancel(); }
+MaskStream::~MaskStream() = default;
 
-v1::MaskFrame* MaskStream::Acquire() { return reactor_->stream->Acquire(); }
-absl::Status MaskStream::Submit(v1::MaskFrame* frame) { return reactor_->stream->Submit(frame); }
-void MaskStream::Discard(v1::MaskFrame* frame) { reactor_->stream->Discard(frame); }
-std::optional<MaskOutcome> MaskStream::Poll() { return reactor_->stream->Wait(std::chrono::milliseconds(0)); }
+v1::MaskFrame* MaskStream::Acquire() { return reactor_->stream.Acquire(); }
+absl::Status MaskStream::Submit(v1::MaskFrame* frame) { return reactor_->stream.Submit(frame); }
+void MaskStream::Discard(v1::MaskFrame* frame) { reactor_->stream.Discard(frame); }
+std::optional<MaskOutcome> MaskStream::Poll() { return reactor_->stream.Wait(std::chrono::milliseconds(0)); }
 std::optional<MaskOutcome> MaskStream::Wait(std::chrono::milliseconds timeout) {
-  return reactor_->stream->Wait(timeout);
+  return reactor_->stream.Wait(timeout);
 }
-int MaskStream::in_flight() const { return reactor_->stream->in_flight(); }
-absl::Status MaskStream::status() const { return reactor_->stream->status(); }
+int MaskStream::in_flight() const { return reactor_->stream.in_flight(); }
+absl::Status MaskStream::status() const { return reactor_->stream.status(); }
 absl::Status MaskStream::Finish(std::chrono::milliseconds timeout) {
-  return reactor_->stream->Finish(timeout);
+  return reactor_->stream.Finish(timeout);
 }
-void MaskStream::Cancel() { reactor_->stream->Cancel(); }
+void MaskStream::Cancel() { reactor_->stream.Cancel(); }
 
 }  // namespace shadowfit

@@ -27,8 +27,9 @@ struct MaskOutcome {
 class MaskStream {
  public:
   /// `name` stands for the service in error messages.
-  MaskStream(std::shared_ptr<grpc::Channel> channel, std::string name, const FrameStreamOptions& options);
-  /// Cancels what is under way.
+  MaskStream(const std::shared_ptr<grpc::Channel>& channel, std::string name,
+             const FrameStreamOptions& options);
+  /// Cancels what is under way, and returns when gRPC has let go of it.
   ~MaskStream();
   MaskStream(const MaskStream&) = delete;
   MaskStream& operator=(const MaskStream&) = delete;
@@ -46,7 +47,7 @@ class MaskStream {
 
  private:
   class Reactor;
-  std::shared_ptr<Reactor> reactor_;
+  std::unique_ptr<Reactor> reactor_;
 };
 
 }  // namespace shadowfit

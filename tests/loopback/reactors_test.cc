@@ -1,6 +1,8 @@
 // The reactors that all services stand on, with computations that the test holds back.
+#include <grpcpp/channel.h>
 #include <gtest/gtest.h>
 
+#include <memory>
 #include <random>
 #include <stop_token>
 #include <thread>
@@ -57,6 +59,25 @@ TEST(StreamReactor, ComputesOneFrameAtATimeInTheirOrder) {
   const std::vector<uint64_t> started = service.started();
   ASSERT_EQ(started.size(), 20U);
   for (uint64_t id = 1; id <= 20; ++id) EXPECT_EQ(started[id - 1], id);
+}
+
+/// A channel waits for gRPC's threads when it goes: it must not go on one of them.
+TEST(StreamReactor, TheChannelGoesWithTheLastOfItsOwners) {
+  GatedService service(TwoWorkers());
+  for (int i = 0; i < 300; ++i) {
+    auto client = service.ConnectInProcess();
+    const std::weak_ptr<grpc::Channel> channel = client->channel();
+    auto stream = client->OpenStream();
+    Send(*stream, 1);
+    if (i % 2 == 0) {
+      service.LetThrough(1);
+      ASSERT_TRUE(stream->Wait(10s).has_value());
+      ASSERT_TRUE(stream->Finish(10s).ok());
+    }
+    client.reset();
+    stream.reset();
+    ASSERT_TRUE(channel.expired()) << i;
+  }
 }
 
 TEST(StreamReactor, DifferentStreamsAreComputedAtOnce) {
