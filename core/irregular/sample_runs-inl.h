@@ -72,11 +72,11 @@ class RunQueue {
   static constexpr uint64_t kCountMask = (1u << kCountBits) - 1;
   static constexpr uint32_t kRoom = kMostRuns + kLanes;
   static constexpr uint32_t kMostHits = 4 * kRoom;
-  static constexpr uint32_t kAhead = 6;
+  static constexpr uint32_t kAhead = 6;  ///< Runs, whose samples are fetched ahead.
   static constexpr int kTriangleShift = 16;
   static constexpr uint32_t kLaneBits = (1u << kTriangleShift) - 1;
 
-  /// Samples [first, end); `end` is set for long runs only.
+  /// Samples [first, end); of short runs `end` is not read, and may not be set.
   struct RunList {
     uint32_t first[kRoom], end[kRoom];
     uint32_t tail[kRoom];  ///< Lanes of the last vector, and above kTriangleShift the triangle.
@@ -179,7 +179,7 @@ class RunQueue {
     const RunList& runs = runs_[kLong];
     const uint32_t count = CountOf(kLong);
     const SampleArrays samples = state_.samples;
-    uint32_t* const shadow = state_.shadow;
+    const uint32_t* const shadow = state_.shadow;
     uint32_t hit_count = 0;
     for (uint32_t i = 0; i < count; ++i) {
       const uint32_t ahead = runs.first[std::min(i + kAhead, count - 1)];
