@@ -139,11 +139,10 @@ void BoxesOfClustersImpl(const LightFrame& light, const Face& face, float widest
     const ClusterLanes lanes(frame, clusters.data() + i, clusters.size() - i);
     const BoxLanes box = BoxesOf(light.directional, frame, widest, lanes);
     const VF values[5] = {box.u_min, box.v_min, box.u_max, box.v_max, box.nearest};
-    for (size_t k = 0; k < 5; ++k) {
-      hn::BlendedStore(
-          values[k], LanesOf(FirstBits(static_cast<uint32_t>(std::min<size_t>(clusters.size() - i, kLanes)))),
-          df, out + k * stride + i);
-    }
+    // What follows them may be another thread's.
+    const MF present =
+        LanesOf(FirstBits(static_cast<uint32_t>(std::min<size_t>(clusters.size() - i, kLanes))));
+    for (size_t k = 0; k < 5; ++k) hn::BlendedStore(values[k], present, df, out + k * stride + i);
   }
 }
 

@@ -17,10 +17,8 @@ namespace {
 
 using irregular::kBlock;
 using irregular::kBlockFloats;
+using irregular::kClusterBlocks;
 
-/// Triangles of a cluster: small enough that its box is a sharp test, large enough that the test costs
-/// little.
-constexpr size_t kClusterBlocks = 4;
 constexpr size_t kClusterTriangles = kClusterBlocks * kBlock;
 
 bool IsFinite(const glm::vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }

@@ -15,6 +15,9 @@ namespace shadowfit::irregular {
 /// Triangles are stored and transformed in blocks: nine rows (a.x a.y a.z b.x .. c.z) of this many floats.
 inline constexpr int kBlock = 16;
 inline constexpr int kBlockFloats = 9 * kBlock;
+/// Triangles of a cluster, in blocks: few enough that its box is a sharp test, many enough that the test
+/// costs little, and that the samples of all of them are tested together.
+inline constexpr size_t kClusterBlocks = 4;
 /// Arrays that are read by vectors of any width are padded by so many elements.
 inline constexpr int kPadding = 16;
 

@@ -23,10 +23,8 @@ namespace HWY_NAMESPACE {
 
 /// Triangles in up to so many rows of cells are taken for their boxes.
 constexpr int32_t kFewRows = 4;
-/// Blocks whose samples are tested together.
-constexpr size_t kTogether = 4;
-/// Runs that they may have before any of them is tested.
-constexpr uint32_t kMostRuns = static_cast<uint32_t>(kTogether) * kBlock * kFewRows;
+/// Runs that a cluster may have before any of them is tested.
+constexpr uint32_t kMostRuns = static_cast<uint32_t>(kClusterBlocks) * kBlock * kFewRows;
 
 /// Collects runs of samples and tests them later. A loop over the few vectors of a short run would mispredict
 /// its end, which costs more than its tests: runs are collected by their number of vectors.
@@ -71,7 +69,7 @@ class RunQueue {
   static constexpr int kCountBits = 10;
   static constexpr uint64_t kCountMask = (1u << kCountBits) - 1;
   static constexpr uint32_t kRoom = kMostRuns + kLanes;
-  static constexpr uint32_t kMostHits = 4 * kRoom;
+  static constexpr uint32_t kMostHits = (kLong - 1) * kRoom;
   static constexpr uint32_t kAhead = 6;  ///< Runs, whose samples are fetched ahead.
   static constexpr int kTriangleShift = 16;
   static constexpr uint32_t kLaneBits = (1u << kTriangleShift) - 1;
@@ -111,7 +109,7 @@ class RunQueue {
     if (hn::AllFalse(di, hn::And(runs, hn::Gt(vectors, hn::Set(di, 1))))) return true;
     Append<3>(hn::And(runs, hn::Eq(vectors, hn::Set(di, 2))), first, end, tail);
     Append<4>(hn::And(runs, hn::Eq(vectors, hn::Set(di, 3))), first, end, tail);
-    const auto longer = hn::And(runs, hn::Gt(vectors, hn::Set(di, 3)));
+    const auto longer = hn::And(runs, hn::Gt(vectors, hn::Set(di, kLong - 2)));
     if (!hn::AllFalse(di, longer)) Append<kLong>(longer, first, end, tail);
     return true;
   }
@@ -169,7 +167,7 @@ class RunQueue {
         const uint32_t first = runs.first[i] + static_cast<uint32_t>(vector * kLanes);
         const uint32_t lanes = vector + 1 < kVectors ? FirstBits(kLanes) : tail & kLaneBits;
         const uint32_t inside = test.Inside(samples, first) & lanes & ~BitsAt(shadow, first);
-        hit_count = Append(first, tail & ~kLaneBits, inside, hit_count);
+        hit_count = AddHit(first, tail & ~kLaneBits, inside, hit_count);
       }
     }
     TestHits(hit_count);
@@ -191,17 +189,17 @@ class RunQueue {
       for (uint32_t vectors = (runs.end[i] - first - 1) / kLanes; vectors != 0; --vectors, first += kLanes) {
         if (hit_count == kMostHits) hit_count = TestHits(hit_count);
         const uint32_t inside = test.Inside(samples, first) & ~BitsAt(shadow, first);
-        hit_count = Append(first, triangle, inside, hit_count);
+        hit_count = AddHit(first, triangle, inside, hit_count);
       }
       if (hit_count == kMostHits) hit_count = TestHits(hit_count);
       const uint32_t inside = test.Inside(samples, first) & tail & kLaneBits & ~BitsAt(shadow, first);
-      hit_count = Append(first, triangle, inside, hit_count);
+      hit_count = AddHit(first, triangle, inside, hit_count);
     }
     TestHits(hit_count);
   }
 
   /// Lanes of a vector, and the bits of a triangle. Returns the new number of hits.
-  HWY_INLINE uint32_t Append(uint32_t first, uint32_t triangle_bits, uint32_t inside, uint32_t count) {
+  HWY_INLINE uint32_t AddHit(uint32_t first, uint32_t triangle_bits, uint32_t inside, uint32_t count) {
     hits_[count] = {first, triangle_bits | inside};
     return count + static_cast<uint32_t>(inside != 0);
   }

@@ -120,7 +120,6 @@ struct RowLanes {
   VF u_origin, u_scale;
   int last_column;
 
-  RowLanes() = default;
   HWY_INLINE RowLanes(const Face& face, VI bins) : last_column(face.columns - 1) {
     // A gather would cost as much as a load a lane, for each of the four values.
     static_assert(sizeof(Row) == 4 * sizeof(float));

@@ -95,10 +95,10 @@ struct TriangleLanes {
   uint32_t large = 0;    ///< Bounded, and to be tested one by one.
   uint32_t clipped = 0;  ///< To be clipped to the face, and then tested one by one.
   bool compact = false;  ///< None that may meet samples is a sliver.
-  // Of those in few rows: the least and the last row, and the cells in each.
+  // Of those in few rows: the rows, and the first and last cell in the least and in the last of them.
   MF few;
+  VI low_row;
   VI further;  ///< From the least row to the last; negative where none is in this task.
-  RowLanes low, high;
   VI low_cells[2], high_cells[2];
 
   HWY_INLINE bool OneByOne() const { return (large | clipped) != 0; }
@@ -172,15 +172,16 @@ HWY_NOINLINE bool ProjectLanes(const WalkTask& state, const FaceFrame& frame, co
   const VI bin_begin = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_begin)]);
   const VI bin_last = hn::Set(di, face.first_bin_of_row[static_cast<size_t>(state.row_end)] - 1);
   const VF from = hn::Sub(p.u_low, pad), to = hn::Add(p.u_high, pad);
-  out->low = RowLanes(face, hn::Max(BinOf(face, hn::Sub(p.v_low, pad)), bin_begin));
-  out->high = RowLanes(face, hn::Min(BinOf(face, hn::Add(p.v_high, pad)), bin_last));
-  out->further = hn::Sub(out->high.number, out->low.number);
+  const RowLanes low(face, hn::Max(BinOf(face, hn::Sub(p.v_low, pad)), bin_begin));
+  const RowLanes high(face, hn::Min(BinOf(face, hn::Add(p.v_high, pad)), bin_last));
+  out->low_row = low.number;
+  out->further = hn::Sub(high.number, low.number);
   out->few = hn::And(quick, hn::RebindMask(df, hn::Lt(out->further, hn::Set(di, kFewRows))));
   out->large &= ~BitsOf(out->few);
-  out->low_cells[0] = out->low.CellAt(from);
-  out->low_cells[1] = out->low.CellAt(to);
-  out->high_cells[0] = out->high.CellAt(from);
-  out->high_cells[1] = out->high.CellAt(to);
+  out->low_cells[0] = low.CellAt(from);
+  out->low_cells[1] = low.CellAt(to);
+  out->high_cells[0] = high.CellAt(from);
+  out->high_cells[1] = high.CellAt(to);
   return true;
 }
 
@@ -198,7 +199,7 @@ HWY_INLINE bool CollectRuns(const Face& face, const TriangleLanes& lanes, uint32
   for (int32_t row = 1; row + 1 < kFewRows; ++row) {
     more = further_than(row);
     if (hn::AllFalse(df, more)) return met;
-    const VI number = hn::Min(hn::Add(lanes.low.number, hn::Set(di, row)), lanes.high.number);
+    const VI number = hn::Add(lanes.low_row, hn::Min(lanes.further, hn::Set(di, row)));
     const RowLanes cells(face, hn::GatherIndex(di, face.first_bin_of_row.data(), number));
     met |= queue->Add(first, 1, cells.CellAt(from), cells.CellAt(to), more);
   }
@@ -279,16 +280,14 @@ constexpr int kVectorsOfBlock = kBlock / kLanes;
 
 /// Step after step for all of them, so that what one vector waits for, the next does not.
 template <bool kDirectional>
-void WalkBlocks(const WalkTask& task, const FaceFrame& frame, const CasterBlocks& blocks, size_t begin,
-                size_t end) {
-  BlockSetup setups[kTogether];
-  TriangleLanes lanes[kTogether * kVectorsOfBlock];
-  Triangles triangles = {&setups[0].rows[0][0],
-                         blocks.uvs == nullptr ? nullptr : blocks.uvs + begin * 6 * kBlock, blocks.caster};
+void WalkBlocks(const WalkTask& task, const FaceFrame& frame, const CasterBlocks& blocks) {
+  BlockSetup setups[kClusterBlocks];
+  TriangleLanes lanes[kClusterBlocks * kVectorsOfBlock];
+  Triangles triangles = {&setups[0].rows[0][0], blocks.uvs, blocks.caster};
   RunQueue queue(task, triangles);
-  const auto count = static_cast<int>(end - begin) * kVectorsOfBlock;
-  const auto geometry_of = [&blocks, begin](int i) {
-    return blocks.geometry + (begin + static_cast<size_t>(i / kVectorsOfBlock)) * kBlockFloats;
+  const auto count = static_cast<int>(blocks.count) * kVectorsOfBlock;
+  const auto geometry_of = [&blocks](int i) {
+    return blocks.geometry + static_cast<size_t>(i / kVectorsOfBlock) * kBlockFloats;
   };
   const auto first_of = [](int i) { return static_cast<uint32_t>(i / kVectorsOfBlock) * kSetupFloats; };
   const auto offset_of = [](int i) { return i % kVectorsOfBlock * kLanes; };
@@ -342,13 +341,10 @@ void WalkTrianglesImpl(const WalkTask& task, const CasterBlocks& blocks) {
   if (blocks.next_geometry != nullptr) {
     for (size_t i = 0; i < blocks.count * kBlockFloats; i += kBlock) hwy::Prefetch(blocks.next_geometry + i);
   }
-  for (size_t begin = 0; begin < blocks.count; begin += kTogether) {
-    const size_t end = std::min(begin + kTogether, blocks.count);
-    if (task.frame->directional) {
-      WalkBlocks<true>(task, frame, blocks, begin, end);
-    } else {
-      WalkBlocks<false>(task, frame, blocks, begin, end);
-    }
+  if (task.frame->directional) {
+    WalkBlocks<true>(task, frame, blocks);
+  } else {
+    WalkBlocks<false>(task, frame, blocks);
   }
 }
 

@@ -39,6 +39,7 @@ struct WalkTask {
   bool Cancelled() const { return cancellation != nullptr && cancellation->Requested(); }
 };
 
+/// Of a cluster: up to kClusterBlocks.
 struct CasterBlocks {
   const float* geometry = nullptr;  ///< count * kBlockFloats
   const float* uvs = nullptr;       ///< count * 6 * kBlock, or null
