@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #include "core/irregular/mask_types.h"
 
@@ -46,7 +47,8 @@ static_assert(16 % kLanes == 0 && kLanes >= 4);
 HWY_INLINE uint32_t BitsOf(MF mask) {
   uint8_t bytes[8] = {};
   hn::StoreMaskBits(df, mask, bytes);
-  uint32_t bits;
+  // No wider than what is stored: then it never leaves the registers.
+  std::conditional_t<(kLanes > 8), uint16_t, uint8_t> bits;
   std::memcpy(&bits, bytes, sizeof(bits));
   return bits;
 }
