@@ -41,6 +41,11 @@ class SceneStore {
       if (taken_ != nullptr) *taken_ -= bytes_;
     }
     size_t bytes() const { return bytes_; }
+    /// Gives back what is more than so many bytes.
+    void ShrinkTo(size_t bytes) {
+      if (bytes >= bytes_) return;
+      *taken_ -= std::exchange(bytes_, bytes) - bytes;
+    }
 
    private:
     friend class SceneStore;

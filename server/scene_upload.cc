@@ -130,11 +130,12 @@ absl::Status SceneUpload::TryStore() {
   }
   // Few bytes can describe very many triangles, each mesh placed many times: room first, then memory.
   if (absl::Status status = Validate(scene); !status.ok()) return status;
-  absl::StatusOr<SceneStore::Room> room = context_.scenes.TakeRoom(MaskScene::BytesFor(scene));
+  absl::StatusOr<SceneStore::Room> room = context_.scenes.TakeRoom(MaskScene::MostBytes(scene));
   if (!room.ok()) return room.status();
   if (absl::Status status = check(); !status.ok()) return status;
   absl::StatusOr<MaskScene> mask_scene = MaskScene::Create(scene);
   if (!mask_scene.ok()) return mask_scene.status();
+  room->ShrinkTo(mask_scene->MemoryBytes());
   const SceneStore::Handle stored = context_.scenes.Insert(digest_, *std::move(mask_scene), *std::move(room));
   EncodeSceneInfo({stored, 0}, response_->mutable_scene());
   return absl::OkStatus();

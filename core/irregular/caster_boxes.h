@@ -11,10 +11,10 @@
 
 namespace shadowfit::irregular {
 
-/// Clusters whose blocks are counted from the same place.
+/// Clusters one after the other: of instances where the scene has them, or of one that is elsewhere.
 struct CasterSegment {
   std::span<const MaskScene::Cluster> clusters;
-  const float* geometry = nullptr;
+  const glm::mat4x3* moved = nullptr;  ///< world_from_object of the one that is elsewhere.
 };
 
 /// Where a light sees the clusters: boxes in the plane coordinates of each face, so that a piece of the

@@ -35,8 +35,11 @@ bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& cast
       }
       for (size_t i = 0; i < chosen; ++i) {
         if (i % kClustersOfPoll == 0 && task.Cancelled()) return true;
-        const MaskScene::Cluster& cluster = segment.clusters[selected[i] - segment_begin];
-        const Caster& caster = casters.casters[cluster.material];
+        const auto cluster_at = [&](size_t at) -> const MaskScene::Cluster& {
+          return segment.clusters[selected[at] - segment_begin];
+        };
+        const MaskScene::PlacedMesh placed = casters.scene->InstanceOf(cluster_at(i));
+        const Caster& caster = casters.casters[placed.material];
         if (!caster.casts) continue;
         if (culls) {
           if (walked == next_update) {
@@ -46,17 +49,21 @@ bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& cast
           if (!ReachesLiveSamples(task, boxes, selected[i])) continue;
         }
         ++walked;
-        const auto geometry_of = [&segment, segment_begin](uint32_t number) {
-          return segment.geometry +
-                 size_t{segment.clusters[number - segment_begin].first_block} * kBlockFloats;
-        };
-        CasterBlocks blocks;
-        blocks.geometry = geometry_of(selected[i]);
-        if (i + 1 < chosen) blocks.next_geometry = geometry_of(selected[i + 1]);
-        blocks.uvs = cluster.first_uv < 0 ? nullptr : casters.uvs->data() + cluster.first_uv;
-        blocks.count = cluster.block_count;
-        blocks.caster = &caster;
-        WalkTriangles(task, blocks);
+        const ClusteredMesh::Cluster& cluster = placed.mesh.clusters()[cluster_at(i).number];
+        CasterCluster out;
+        out.lines = placed.mesh.LinesOf(cluster);
+        out.uvs = placed.mesh.UvsOf(cluster);
+        out.block_count = cluster.block_count;
+        out.vertex_count = cluster.vertex_count;
+        out.world_from_object = segment.moved != nullptr ? segment.moved : placed.world_from_object;
+        out.caster = &caster;
+        if (i + 1 < chosen) {
+          const ClusteredMesh& next_mesh = casters.scene->InstanceOf(cluster_at(i + 1)).mesh;
+          const ClusteredMesh::Cluster& next = next_mesh.clusters()[cluster_at(i + 1).number];
+          out.next_lines = next_mesh.LinesOf(next);
+          out.next_line_count = next.line_count();
+        }
+        WalkTriangles(task, out);
       }
     }
     segment_begin = segment_end;

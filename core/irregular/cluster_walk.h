@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <span>
-#include <vector>
 
 #include "core/irregular/caster_boxes.h"
 #include "core/irregular/live_depths.h"
@@ -12,10 +11,10 @@ namespace shadowfit::irregular {
 
 /// What all pieces of all lights share.
 struct CasterInput {
+  const MaskScene* scene = nullptr;
   std::span<const CasterSegment> segments;
   std::span<const Caster> casters;  ///< By material.
-  const std::vector<float>* uvs = nullptr;
-  int channels = 3;  ///< Of absorbance; one where all casters are grey.
+  int channels = 3;                 ///< Of absorbance; one where all casters are grey.
 };
 
 /// Streams clusters of triangles over the samples of a band: those whose boxes overlap them and lie before

@@ -206,7 +206,7 @@ class RunQueue {
 
   /// Returns how many hits are left: none.
   HWY_NOINLINE uint32_t TestHits(uint32_t count) {
-    if (triangles_.caster->alpha == nullptr && !triangles_.caster->transmits) {
+    if (triangles_.cluster.caster->alpha == nullptr && !triangles_.cluster.caster->transmits) {
       TestOpaqueHits(count);
     } else {
       for (uint32_t i = 0; i < count; ++i) {

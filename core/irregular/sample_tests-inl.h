@@ -26,8 +26,7 @@ namespace HWY_NAMESPACE {
 /// kSetupFloats + i.
 struct Triangles {
   const float* rows;  ///< Row k of a triangle is rows[k * kBlock + number].
-  const float* uvs;   ///< Six rows of kBlock texture coordinates a block; may be null.
-  const Caster* caster;
+  const CasterCluster& cluster;
   bool slivers = false;  ///< There is one at least.
 
   HWY_INLINE bool IsSliver(uint32_t triangle) const {
@@ -40,8 +39,14 @@ HWY_INLINE VF Broadcast(const float* triangle, int row) { return hn::Set(df, tri
 /// Of the lanes in `bits`, those where the cutout's texture is opaque.
 HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, uint32_t triangle, const float* u, const float* v,
                                   uint32_t bits) {
-  const float* const triangle_uvs =
-      t.uvs + size_t{triangle / kSetupFloats} * 6 * kBlock + triangle % kSetupFloats;
+  const CasterCluster& cluster = t.cluster;
+  const Caster& caster = *cluster.caster;
+  glm::vec2 corner_uvs[3];
+  for (size_t corner = 0; corner < 3; ++corner) {
+    const size_t place = (triangle / kSetupFloats * 3 + corner) * kBlock + triangle % kSetupFloats;
+    const size_t vertex = cluster.vertex_count == 0 ? place : cluster.corner_numbers()[place];
+    corner_uvs[corner] = {cluster.uvs[2 * vertex], cluster.uvs[2 * vertex + 1]};
+  }
   const float* const column = t.rows + triangle;
   uint32_t opaque = 0;
   for (uint32_t left = bits; left != 0; left &= left - 1) {
@@ -61,9 +66,9 @@ HWY_NOINLINE uint32_t OpaqueLanes(const Triangles& t, uint32_t triangle, const f
     glm::vec2 uv(0.0f);
     for (int corner = 0; corner < 3; ++corner) {
       const float b = sum > 0.0f ? weight[corner] / sum : 1.0f / 3.0f;
-      uv += b * glm::vec2(triangle_uvs[(2 * corner) * kBlock], triangle_uvs[(2 * corner + 1) * kBlock]);
+      uv += b * corner_uvs[corner];
     }
-    if (t.caster->alpha->AlphaAt(uv) >= t.caster->alpha_cutoff) opaque |= 1u << i;
+    if (caster.alpha->AlphaAt(uv) >= caster.alpha_cutoff) opaque |= 1u << i;
   }
   return opaque;
 }
@@ -89,15 +94,16 @@ HWY_INLINE void Absorb(const WalkTask& state, const Caster& caster, uint32_t fir
 
 HWY_INLINE void Record(const WalkTask& state, const Triangles& t, uint32_t triangle, uint32_t first,
                        uint32_t behind, uint32_t on) {
-  if (t.caster->alpha != nullptr) {
+  const Caster& caster = *t.cluster.caster;
+  if (caster.alpha != nullptr) {
     if ((behind | on) == 0) return;
     const uint32_t opaque =
         OpaqueLanes(t, triangle, state.samples.u + first, state.samples.v + first, behind | on);
     behind &= opaque;
     on &= opaque;
   }
-  if (t.caster->transmits) {
-    if (behind != 0) Absorb(state, *t.caster, first, behind);
+  if (caster.transmits) {
+    if (behind != 0) Absorb(state, caster, first, behind);
   } else if (behind != 0) {
     SetBits(state.shadow, first, behind);
   }

@@ -10,7 +10,6 @@
 #include <deque>
 
 #include "absl/strings/str_format.h"
-#include "core/irregular/aligned_buffer.h"
 #include "core/irregular/caster_boxes.h"
 #include "core/irregular/light_plan.h"
 #include "core/irregular/mask_request.h"
@@ -39,7 +38,6 @@ struct MaskRenderer::Workspace {
   // Of a frame.
   std::vector<Caster> casters;
   int channels = 3;  ///< Of absorbance; one where all casters are grey.
-  AlignedBuffer<float> moved_blocks;
   std::vector<MaskScene::Cluster> moved_clusters;
   std::vector<CasterSegment> segments;
   std::vector<Piece> pieces;
@@ -116,46 +114,32 @@ void MaskRenderer::Workspace::SetUpCasters(const MaskRequest& request) {
 }
 
 absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& request) {
-  const std::vector<MaskScene::Cluster>& clusters = request.scene->clusters();
-  struct Moved {
-    size_t first, end;   ///< Of the scene's clusters.
-    size_t first_moved;  ///< Of moved_clusters.
-    const float* geometry;
-  };
-  std::vector<Moved> ranges;
-  size_t blocks = 0;
-  for (const MovedInstance& moved : request.moved_instances) {
-    blocks += request.scene->BlocksOf(moved.instance);
-  }
-  if (!moved_blocks.Reserve(blocks * kBlockFloats)) {
-    return absl::ResourceExhaustedError(
-        absl::StrFormat("moved_instances: no memory for %d triangles", blocks * kBlock));
-  }
-  blocks = 0;
+  std::vector<const MovedInstance*> order;
+  for (const MovedInstance& moved : request.moved_instances) order.push_back(&moved);
+  std::sort(order.begin(), order.end(),
+            [](const MovedInstance* a, const MovedInstance* b) { return a->instance < b->instance; });
   moved_clusters.clear();
-  for (const MovedInstance& moved : request.moved_instances) {
+  for (const MovedInstance* moved : order) {
     if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
-    const auto [first, end] = request.scene->ClustersOf(moved.instance);
-    const float* const geometry = moved_blocks.data() + blocks * kBlockFloats;
-    ranges.push_back({first, end, moved_clusters.size(), geometry});
-    moved_clusters.insert(moved_clusters.end(), clusters.begin() + static_cast<std::ptrdiff_t>(first),
-                          clusters.begin() + static_cast<std::ptrdiff_t>(end));
-    request.scene->Place(moved.instance, moved.world_from_object,
-                         {moved_clusters.data() + ranges.back().first_moved, end - first},
-                         moved_blocks.data() + blocks * kBlockFloats, request.cancellation);
-    blocks += request.scene->BlocksOf(moved.instance);
+    const std::span<const MaskScene::Cluster> clusters = request.scene->ClustersOf(moved->instance);
+    const size_t first = moved_clusters.size();
+    moved_clusters.insert(moved_clusters.end(), clusters.begin(), clusters.end());
+    request.scene->Place(moved->world_from_object, std::span(moved_clusters).subspan(first),
+                         request.cancellation);
   }
-  std::sort(ranges.begin(), ranges.end(), [](const Moved& a, const Moved& b) { return a.first < b.first; });
   segments.clear();
-  const std::span<const MaskScene::Cluster> all(clusters);
-  size_t at = 0;
-  for (const Moved& range : ranges) {
-    segments.push_back({all.subspan(at, range.first - at), request.scene->geometry()});
+  const std::span<const MaskScene::Cluster> all(request.scene->clusters());
+  size_t at = 0, moved_at = 0;
+  for (const MovedInstance* moved : order) {
+    const std::span<const MaskScene::Cluster> clusters = request.scene->ClustersOf(moved->instance);
+    const auto first = static_cast<size_t>(clusters.data() - all.data());
+    segments.push_back({all.subspan(at, first - at)});
     segments.push_back(
-        {std::span(moved_clusters).subspan(range.first_moved, range.end - range.first), range.geometry});
-    at = range.end;
+        {std::span(moved_clusters).subspan(moved_at, clusters.size()), &moved->world_from_object});
+    at = first + clusters.size();
+    moved_at += clusters.size();
   }
-  segments.push_back({all.subspan(at), request.scene->geometry()});
+  segments.push_back({all.subspan(at)});
   return absl::OkStatus();
 }
 
@@ -201,7 +185,7 @@ MaskImages MaskRenderer::Workspace::ImagesOf(const MaskRequest& request, size_t 
 /// and three doubles to store and to read.
 absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, size_t begin, size_t end) {
   totals.assign(pieces.size() * request.lights.size(), PieceTotals{});
-  const CasterInput input = {segments, casters, &request.scene->uvs(), channels};
+  const CasterInput input = {request.scene, segments, casters, channels};
   std::vector<MaskImages> images;
   images.reserve(end - begin);
   for (size_t light = begin; light < end; ++light) images.push_back(ImagesOf(request, light));
@@ -301,8 +285,7 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
 
 size_t MaskRenderer::MemoryBytes() const {
   const Workspace& w = *workspace_;
-  size_t bytes = w.shared_renderer.MemoryBytes() + w.moved_blocks.MemoryBytes() +
-                 w.moved_clusters.capacity() * sizeof(MaskScene::Cluster);
+  size_t bytes = w.shared_renderer.MemoryBytes() + w.moved_clusters.capacity() * sizeof(MaskScene::Cluster);
   for (const PieceRenderer& renderer : w.renderers) bytes += renderer.MemoryBytes();
   for (const CasterBoxes& boxes : w.boxes) bytes += boxes.MemoryBytes();
   for (const auto& mask : w.bits) bytes += mask.capacity() * sizeof(uint16_t);

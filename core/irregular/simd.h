@@ -99,8 +99,8 @@ HWY_INLINE void TransposeBlocks(VF rows[4]) {
 
 /// Of an array of four values an element: elements index[0], index[4], index[8] and so on, one after the
 /// other.
-template <class D>
-HWY_INLINE hn::Vec<D> EveryFourth(D d, const float* fours, const uint32_t* index) {
+template <class D, typename Index>
+HWY_INLINE hn::Vec<D> EveryFourth(D d, const float* fours, const Index* index) {
   if constexpr (hn::MaxLanes(D()) == 4) {
     return hn::Load(d, fours + size_t{4} * *index);
   } else {

@@ -10,6 +10,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "core/irregular/cluster_unpack-inl.h"
 #include "core/irregular/outline-inl.h"
 #include "core/irregular/sample_runs-inl.h"
 #include "core/irregular/sample_tests-inl.h"
@@ -278,16 +279,17 @@ HWY_NOINLINE void TestOneByOne(const WalkTask& state, const float* geometry, int
 
 constexpr int kVectorsOfBlock = kBlock / kLanes;
 
-/// Step after step for all of them, so that what one vector waits for, the next does not.
+/// Step after step for all of a cluster, so that what one vector waits for, the next does not.
 template <bool kDirectional>
-void WalkBlocks(const WalkTask& task, const FaceFrame& frame, const CasterBlocks& blocks) {
+void WalkBlocks(const WalkTask& task, const FaceFrame& frame, const CasterCluster& cluster,
+                const float* blocks) {
   BlockSetup setups[kClusterBlocks];
   TriangleLanes lanes[kClusterBlocks * kVectorsOfBlock];
-  Triangles triangles = {&setups[0].rows[0][0], blocks.uvs, blocks.caster};
+  Triangles triangles = {&setups[0].rows[0][0], cluster};
   RunQueue queue(task, triangles);
-  const auto count = static_cast<int>(blocks.count) * kVectorsOfBlock;
-  const auto geometry_of = [&blocks](int i) {
-    return blocks.geometry + static_cast<size_t>(i / kVectorsOfBlock) * kBlockFloats;
+  const auto count = static_cast<int>(cluster.block_count) * kVectorsOfBlock;
+  const auto geometry_of = [blocks](int i) {
+    return blocks + static_cast<size_t>(i / kVectorsOfBlock) * kBlockFloats;
   };
   const auto first_of = [](int i) { return static_cast<uint32_t>(i / kVectorsOfBlock) * kSetupFloats; };
   const auto offset_of = [](int i) { return i % kVectorsOfBlock * kLanes; };
@@ -336,15 +338,17 @@ size_t SelectBoxesImpl(const BoxArrays& boxes, const WalkTask& task, size_t begi
   return count;
 }
 
-void WalkTrianglesImpl(const WalkTask& task, const CasterBlocks& blocks) {
+void WalkTrianglesImpl(const WalkTask& task, const CasterCluster& cluster) {
   const FaceFrame frame(*task.frame, *task.face);
-  if (blocks.next_geometry != nullptr) {
-    for (size_t i = 0; i < blocks.count * kBlockFloats; i += kBlock) hwy::Prefetch(blocks.next_geometry + i);
+  for (size_t i = 0; i < cluster.next_line_count; ++i) {
+    hwy::Prefetch(cluster.next_lines + i * ClusteredMesh::kLineFloats);
   }
+  HWY_ALIGN float room[kClusterBlocks * kBlockFloats];
+  const float* const blocks = Unpack(cluster, room);
   if (task.frame->directional) {
-    WalkBlocks<true>(task, frame, blocks);
+    WalkBlocks<true>(task, frame, cluster, blocks);
   } else {
-    WalkBlocks<false>(task, frame, blocks);
+    WalkBlocks<false>(task, frame, cluster, blocks);
   }
 }
 
@@ -362,8 +366,8 @@ size_t SelectBoxes(const BoxArrays& boxes, const WalkTask& task, size_t begin, s
   return HWY_DYNAMIC_DISPATCH(SelectBoxesImpl)(boxes, task, begin, end, out);
 }
 
-void WalkTriangles(const WalkTask& task, const CasterBlocks& blocks) {
-  HWY_DYNAMIC_DISPATCH(WalkTrianglesImpl)(task, blocks);
+void WalkTriangles(const WalkTask& task, const CasterCluster& cluster) {
+  HWY_DYNAMIC_DISPATCH(WalkTrianglesImpl)(task, cluster);
 }
 
 }  // namespace shadowfit::irregular

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/cancellation.h"
+#include "core/irregular/clustered_mesh.h"
 #include "core/irregular/mask_types.h"
 
 /// Triangles over sorted samples: inner loops compiled for several instruction sets.
@@ -39,13 +40,20 @@ struct WalkTask {
   bool Cancelled() const { return cancellation != nullptr && cancellation->Requested(); }
 };
 
-/// Of a cluster: up to kClusterBlocks.
-struct CasterBlocks {
-  const float* geometry = nullptr;  ///< count * kBlockFloats
-  const float* uvs = nullptr;       ///< count * 6 * kBlock, or null
-  size_t count = 0;
+/// A cluster of a mesh, as ClusteredMesh describes it, somewhere in the world.
+struct CasterCluster {
+  const float* lines = nullptr;
+  const float* uvs = nullptr;  ///< Two a vertex, or null.
+  uint32_t block_count = 0;
+  uint32_t vertex_count = 0;                       ///< Zero where corners are separate.
+  const glm::mat4x3* world_from_object = nullptr;  ///< Null where that changes nothing.
   const Caster* caster = nullptr;
-  const float* next_geometry = nullptr;  ///< What is likely to be walked next, to be fetched ahead; or null.
+  const float* next_lines = nullptr;  ///< What is likely to be walked next, to be fetched ahead.
+  size_t next_line_count = 0;
+
+  // Where vertices are shared.
+  const uint8_t* corner_numbers() const { return reinterpret_cast<const uint8_t*>(lines); }
+  const float* vertices() const { return lines + ClusteredMesh::kNumberLines * ClusteredMesh::kLineFloats; }
 };
 
 /// Boxes in plane coordinates, padded by kPadding.
@@ -57,7 +65,7 @@ struct BoxArrays {
 /// kPadding more. Returns how many there are.
 size_t SelectBoxes(const BoxArrays& boxes, const WalkTask& task, size_t begin, size_t end, uint32_t* out);
 
-/// Tests blocks of triangles.
-void WalkTriangles(const WalkTask& task, const CasterBlocks& blocks);
+/// Tests a cluster's triangles.
+void WalkTriangles(const WalkTask& task, const CasterCluster& cluster);
 
 }  // namespace shadowfit::irregular

@@ -214,6 +214,13 @@ double Run(const BenchScene& bench, const Options& options, int threads, const R
               bench.name.c_str(), scene->TriangleCount(), mask.samples,
               100.0 * double(mask.shadowed_samples) / double(mask.samples), mask.undecided_samples,
               double(memory) / double(bench.width) / double(bench.height));
+  size_t mesh_bytes = 0;
+  for (const Mesh& mesh : bench.scene.meshes) {
+    mesh_bytes += mesh.positions.size() * sizeof(glm::vec3) + mesh.triangles.size() * sizeof(glm::uvec3);
+  }
+  std::printf("  casters: %.1f bytes a triangle, %.1f as meshes\n",
+              double(scene->MemoryBytes()) / double(scene->TriangleCount()),
+              double(mesh_bytes) / double(scene->TriangleCount()));
   std::printf("  masks %8.2f ms", mine);
   std::printf(" (least %.2f)", *std::min_element(ours.begin(), ours.end()));
   if (options.phases) {
@@ -230,13 +237,13 @@ double Run(const BenchScene& bench, const Options& options, int threads, const R
   std::printf("\n");
   if (options.phases) {
     // What each phase must at least move: a pixel's depth, a sample of sixteen bytes and the number of its
-    // cell; that, its place and its pixel's number; nine floats a triangle, and the samples, which are read
+    // cell; that, its place and its pixel's number; the casters, and the samples, which are read
     // by pixel, written and read in order; four bits of answers a pixel. And compute, counted in single
     // precision (double counts twice): 80 operations to place and bound a sample, 540 to set up a triangle,
     // 240 to test it against sixteen samples.
     const double pixels = double(bench.width) * bench.height, samples = double(mask.samples);
     const double bytes[4] = {4 * pixels + 20 * samples, 12 * samples,
-                             36 * double(scene->TriangleCount()) + 3 * 16 * samples, pixels / 2};
+                             double(scene->MemoryBytes()) + 3 * 16 * samples, pixels / 2};
     // Where there are few triangles, phases are of all threads together; roofs are of as long as they take.
     const double at_once = scene->TriangleCount() <= kMostTrianglesOfPieces ? threads : 1;
     double MaskTimings::*const members[4] = {&MaskTimings::project, &MaskTimings::sort, &MaskTimings::walk,

@@ -77,6 +77,19 @@ TEST(SceneStore, TheFirstOfTwoEqualScenesStays) {
   EXPECT_EQ(store.bytes(), 40u);
 }
 
+TEST(SceneStore, RoomThatASceneDoesNotNeedIsGivenBack) {
+  SceneStore store(100);
+  SceneStore::Room room = *store.TakeRoom(90);
+  room.ShrinkTo(95);
+  EXPECT_EQ(store.bytes(), 90u);
+  room.ShrinkTo(30);
+  EXPECT_EQ(store.bytes(), 30u);
+  ASSERT_TRUE(Put(store, 'a', 70).ok());
+  EXPECT_EQ(store.bytes(), 100u);
+  room = SceneStore::Room();
+  EXPECT_EQ(store.bytes(), 70u);
+}
+
 TEST(SceneStore, ManyThreadsMayUseIt) {
   SceneStore store(100);
   std::vector<std::thread> threads;

@@ -1,0 +1,225 @@
+#include "core/irregular/clustered_mesh.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+
+#include "core/irregular/parallel.h"
+#include "core/scene/bounds.h"
+
+namespace shadowfit::irregular {
+namespace {
+
+/// Clusters that are worth a task.
+constexpr size_t kPieceClusters = 64;
+/// The number of the position that a place without a triangle has.
+constexpr uint32_t kNoPosition = std::numeric_limits<uint32_t>::max();
+constexpr size_t kVertexFloats = 4;
+/// Vertices are read in groups of 16, beyond the last of a cluster.
+constexpr size_t kPaddingLines = 4;
+
+size_t BlocksFor(size_t triangles) { return (triangles + kBlock - 1) / kBlock; }
+
+/// The lowest 21 bits, with two zeros between neighbours.
+uint64_t SpreadBits(uint64_t x) {
+  x &= 0x1FFFFF;
+  x = (x | x << 32) & 0x1F00000000FFFF;
+  x = (x | x << 16) & 0x1F0000FF0000FF;
+  x = (x | x << 8) & 0x100F00F00F00F00F;
+  x = (x | x << 4) & 0x10C30C30C30C30C3;
+  return (x | x << 2) & 0x1249249249249249;
+}
+
+struct MortonKey {
+  uint64_t code;
+  uint32_t triangle;
+  bool operator<(const MortonKey& other) const {
+    return code != other.code ? code < other.code : triangle < other.triangle;
+  }
+};
+
+std::vector<uint32_t> MortonOrder(const Mesh& mesh) {
+  Bounds bounds;
+  for (const glm::vec3& p : mesh.positions) bounds.Add(glm::dvec3(p));
+  const glm::dvec3 extent = glm::max(bounds.max - bounds.min, glm::dvec3(1e-300));
+  const double scale = 2097151.0 / std::max({extent.x, extent.y, extent.z});
+  std::vector<MortonKey> keys(mesh.triangles.size());
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, keys.size(), 4096), [&](const auto& range) {
+    for (size_t i = range.begin(); i != range.end(); ++i) {
+      const glm::uvec3& t = mesh.triangles[i];
+      const glm::dvec3 centre = (glm::dvec3(mesh.positions[t.x]) + glm::dvec3(mesh.positions[t.y]) +
+                                 glm::dvec3(mesh.positions[t.z])) /
+                                3.0;
+      const glm::dvec3 cell = glm::clamp((centre - bounds.min) * scale, 0.0, 2097151.0);
+      keys[i].code = SpreadBits(static_cast<uint64_t>(cell.x)) |
+                     SpreadBits(static_cast<uint64_t>(cell.y)) << 1 |
+                     SpreadBits(static_cast<uint64_t>(cell.z)) << 2;
+      keys[i].triangle = static_cast<uint32_t>(i);
+    }
+  });
+  tbb::parallel_sort(keys.begin(), keys.end());
+  std::vector<uint32_t> order(keys.size());
+  for (size_t i = 0; i < keys.size(); ++i) order[i] = keys[i].triangle;
+  return order;
+}
+
+/// Calls visit(position, number of the mesh's position) for all corners, or vertices, of a cluster.
+/// `Float` is float or const float; positions are three floats `stride` apart.
+template <typename Float, typename Visit>
+void ForEachPosition(const ClusteredMesh::Cluster& cluster, Float* lines, const Visit& visit) {
+  if (cluster.vertex_count != 0) {
+    Float* const vertices = lines + ClusteredMesh::kNumberLines * ClusteredMesh::kLineFloats;
+    for (size_t i = 0; i < cluster.vertex_count; ++i) {
+      Float* const vertex = vertices + i * kVertexFloats;
+      visit(vertex, size_t{1}, vertex + 3);
+    }
+    return;
+  }
+  Float* const numbers = lines + size_t{cluster.block_count} * kBlockFloats;
+  for (size_t corner = 0; corner < size_t{cluster.block_count} * 3; ++corner) {
+    for (size_t i = 0; i < kBlock; ++i) {
+      visit(lines + corner * 3 * kBlock + i, size_t{kBlock}, numbers + corner * kBlock + i);
+    }
+  }
+}
+
+/// Lines of a cluster with all that belongs to it.
+size_t AllLines(const ClusteredMesh::Cluster& cluster, bool cutout) {
+  const size_t corners = size_t{cluster.block_count} * 3 * kBlock;
+  const size_t vertices = cluster.vertex_count == 0 ? corners : cluster.vertex_count;
+  size_t bytes = vertices * kVertexFloats * sizeof(float) + (cutout ? vertices * sizeof(glm::vec2) : 0);
+  constexpr size_t kLineBytes = ClusteredMesh::kLineFloats * sizeof(float);
+  if (cluster.vertex_count != 0) bytes += ClusteredMesh::kNumberLines * kLineBytes;
+  return (bytes + kLineBytes - 1) / kLineBytes;
+}
+
+}  // namespace
+
+ClusteredMesh::Corners ClusteredMesh::CornersOf(const Mesh& mesh, std::span<const uint32_t> triangles) {
+  Corners result;
+  for (size_t i = 0; i < kClusterTriangles; ++i) {
+    for (int corner = 0; corner < 3; ++corner) {
+      result.ids[corner][i] = i < triangles.size() ? mesh.triangles[triangles[i]][corner] : kNoPosition;
+    }
+  }
+  // Those of the last block, but of none that is not there.
+  const size_t places = BlocksFor(triangles.size()) * kBlock;
+  uint32_t* end = result.vertices;
+  for (const auto& ids : result.ids) end = std::copy_n(ids, places, end);
+  std::sort(result.vertices, end);
+  result.vertex_count = static_cast<size_t>(std::unique(result.vertices, end) - result.vertices);
+  return result;
+}
+
+bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
+  cutout_ = cutout;
+  position_count_ = mesh.positions.size();
+  const std::vector<uint32_t> order = MortonOrder(mesh);
+  const auto triangles_of = [&order](size_t cluster) {
+    const size_t first = cluster * kClusterTriangles;
+    return std::span(order).subspan(first, std::min(kClusterTriangles, order.size() - first));
+  };
+  clusters_.resize((order.size() + kClusterTriangles - 1) / kClusterTriangles);
+  ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      Cluster& cluster = clusters_[i];
+      cluster.block_count = static_cast<uint16_t>(BlocksFor(triangles_of(i).size()));
+      const size_t separate = AllLines(cluster, cutout);
+      cluster.vertex_count = static_cast<uint16_t>(CornersOf(mesh, triangles_of(i)).vertex_count);
+      if (AllLines(cluster, cutout) >= separate) cluster.vertex_count = 0;
+    }
+  });
+  size_t lines = 0;
+  for (Cluster& cluster : clusters_) {
+    cluster.first_line = static_cast<uint32_t>(lines);
+    lines += AllLines(cluster, cutout);
+  }
+  if (!lines_.Reserve((lines + kPaddingLines) * kLineFloats)) return false;
+  ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
+  });
+  std::fill_n(lines_.data() + lines * kLineFloats, kPaddingLines * kLineFloats, 0.0f);
+  SetPositions(mesh.positions);
+  return true;
+}
+
+/// All but the positions.
+void ClusteredMesh::Fill(const Cluster& cluster, const Corners& corners, const Mesh& mesh) {
+  float* const lines = LinesOf(cluster);
+  std::fill_n(lines, AllLines(cluster, cutout_) * kLineFloats, 0.0f);
+  float* uvs = cutout_ ? const_cast<float*>(UvsOf(cluster)) : nullptr;
+  const auto add = [&](uint32_t id, float* number) {
+    std::memcpy(number, &id, sizeof(id));
+    if (uvs == nullptr) return;
+    const glm::vec2 uv = id == kNoPosition ? glm::vec2(0.0f) : mesh.uvs[id];
+    *uvs++ = uv.x;
+    *uvs++ = uv.y;
+  };
+  size_t next = 0;
+  if (cluster.vertex_count != 0) {
+    auto* const numbers = reinterpret_cast<uint8_t*>(lines);
+    const uint32_t* const end = corners.vertices + corners.vertex_count;
+    for (size_t i = 0; i < size_t{cluster.block_count} * kBlock; ++i) {
+      for (size_t corner = 0; corner < 3; ++corner) {
+        numbers[(i / kBlock * 3 + corner) * kBlock + i % kBlock] = static_cast<uint8_t>(
+            std::lower_bound(corners.vertices, end, corners.ids[corner][i]) - corners.vertices);
+      }
+    }
+    ForEachPosition(cluster, lines,
+                    [&](float*, size_t, float* number) { add(corners.vertices[next++], number); });
+  } else {
+    ForEachPosition(cluster, lines, [&](float*, size_t, float* number) {
+      const size_t block = next / (3 * kBlock), corner = next / kBlock % 3;
+      add(corners.ids[corner][block * kBlock + next % kBlock], number);
+      ++next;
+    });
+  }
+}
+
+size_t ClusteredMesh::MostBytes(const Mesh& mesh, bool cutout) {
+  Cluster whole;
+  whole.block_count = kClusterBlocks;
+  const size_t clusters = (mesh.triangles.size() + kClusterTriangles - 1) / kClusterTriangles;
+  return clusters * (sizeof(Cluster) + AllLines(whole, cutout) * kLineFloats * sizeof(float)) +
+         kPaddingLines * kLineFloats * sizeof(float);
+}
+
+void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions) {
+  ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      ForEachPosition(clusters_[i], LinesOf(clusters_[i]), [&](float* p, size_t stride, const float* number) {
+        uint32_t id;
+        std::memcpy(&id, number, sizeof(id));
+        const glm::vec3 position =
+            id == kNoPosition ? glm::vec3(std::numeric_limits<float>::quiet_NaN()) : positions[id];
+        for (int axis = 0; axis < 3; ++axis) p[static_cast<size_t>(axis) * stride] = position[axis];
+      });
+    }
+  });
+}
+
+const float* ClusteredMesh::UvsOf(const Cluster& cluster) const {
+  if (!cutout_) return nullptr;
+  const size_t vertices =
+      cluster.vertex_count == 0 ? size_t{cluster.block_count} * 3 * kBlock : cluster.vertex_count;
+  const size_t numbers = cluster.vertex_count == 0 ? 0 : kNumberLines * kLineFloats;
+  return LinesOf(cluster) + numbers + vertices * kVertexFloats;
+}
+
+void ClusteredMesh::BoundCluster(const Cluster& cluster, const glm::mat4x3& world_from_object,
+                                 glm::vec3* ws_min, glm::vec3* ws_max) const {
+  *ws_min = glm::vec3(std::numeric_limits<float>::infinity());
+  *ws_max = -*ws_min;
+  ForEachPosition(cluster, LinesOf(cluster), [&](const float* p, size_t stride, const float*) {
+    const glm::vec3 ws_position = world_from_object * glm::vec4(p[0], p[stride], p[2 * stride], 1.0f);
+    // NaN, where there is no triangle, compares false.
+    *ws_min = glm::min(*ws_min, ws_position);
+    *ws_max = glm::max(*ws_max, ws_position);
+  });
+}
+
+}  // namespace shadowfit::irregular
