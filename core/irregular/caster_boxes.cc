@@ -155,6 +155,16 @@ namespace shadowfit::irregular {
 
 HWY_EXPORT(BoxesOfClustersImpl);
 
+namespace {
+
+size_t StrideFor(size_t clusters) { return (clusters + 2 * kPadding - 1) / kPadding * kPadding; }
+
+}  // namespace
+
+size_t CasterBoxes::BytesFor(size_t clusters, const LightPlan& plan) {
+  return static_cast<size_t>(plan.face_count) * 5 * StrideFor(clusters) * sizeof(float);
+}
+
 BoxArrays CasterBoxes::Of(int face) const {
   const float* first = values_.data() + static_cast<size_t>(face) * 5 * stride_;
   return {first, first + stride_, first + 2 * stride_, first + 3 * stride_, first + 4 * stride_};
@@ -162,9 +172,9 @@ BoxArrays CasterBoxes::Of(int face) const {
 
 bool CasterBoxes::Compute(std::span<const CasterSegment> segments, const LightPlan& plan,
                           const Cancellation* cancellation) {
-  count_ = 0;
-  for (const CasterSegment& segment : segments) count_ += segment.clusters.size();
-  stride_ = (count_ + 2 * kPadding - 1) / kPadding * kPadding;
+  size_t count = 0;
+  for (const CasterSegment& segment : segments) count += segment.clusters.size();
+  stride_ = StrideFor(count);
   if (!values_.Reserve(static_cast<size_t>(plan.face_count) * 5 * stride_)) return false;
   const float widest = plan.face_count == 1 ? kWidestFace : 1.0f;
   size_t first = 0;

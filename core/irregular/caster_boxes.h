@@ -28,11 +28,12 @@ class CasterBoxes {
   /// The boxes as a face sees them; numbered through all segments.
   BoxArrays Of(int face) const;
 
-  size_t count() const { return count_; }
+  /// What Compute() needs for so many clusters.
+  static size_t BytesFor(size_t clusters, const LightPlan& plan);
   size_t MemoryBytes() const { return values_.MemoryBytes(); }
 
  private:
-  size_t count_ = 0, stride_ = 0;
+  size_t stride_ = 0;
   AlignedBuffer<float> values_;
 };
 

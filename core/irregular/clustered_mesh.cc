@@ -123,7 +123,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
     const size_t first = cluster * kClusterTriangles;
     return std::span(order).subspan(first, std::min(kClusterTriangles, order.size() - first));
   };
-  clusters_.resize((order.size() + kClusterTriangles - 1) / kClusterTriangles);
+  clusters_.resize(CountFor(order.size()));
   ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       Cluster& cluster = clusters_[i];
@@ -183,8 +183,8 @@ void ClusteredMesh::Fill(const Cluster& cluster, const Corners& corners, const M
 size_t ClusteredMesh::MostBytes(const Mesh& mesh, bool cutout) {
   Cluster whole;
   whole.block_count = kClusterBlocks;
-  const size_t clusters = (mesh.triangles.size() + kClusterTriangles - 1) / kClusterTriangles;
-  return clusters * (sizeof(Cluster) + AllLines(whole, cutout) * kLineFloats * sizeof(float)) +
+  return CountFor(mesh.triangles.size()) *
+             (sizeof(Cluster) + AllLines(whole, cutout) * kLineFloats * sizeof(float)) +
          kPaddingLines * kLineFloats * sizeof(float);
 }
 

@@ -48,6 +48,11 @@ class ClusteredMesh {
   /// where memory runs out.
   [[nodiscard]] bool Create(const Mesh& mesh, bool cutout);
 
+  /// Clusters of a mesh of so many triangles.
+  static constexpr size_t CountFor(size_t triangles) {
+    return (triangles + kClusterTriangles - 1) / kClusterTriangles;
+  }
+
   /// At least MemoryBytes() of what Create() would make.
   static size_t MostBytes(const Mesh& mesh, bool cutout);
 

@@ -29,13 +29,18 @@ absl::Status OutOfMemory(size_t triangles) {
 
 absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
   if (absl::Status status = Validate(scene); !status.ok()) return status;
-  const size_t triangle_count = scene.TriangleCount();
-  if (triangle_count > kMaxTriangles) {
+  size_t cluster_count = 0;
+  for (const Instance& instance : scene.instances) {
+    cluster_count +=
+        ClusteredMesh::CountFor(scene.meshes[static_cast<size_t>(instance.mesh)].triangles.size());
+  }
+  if (cluster_count > kMaxClusters) {
     return absl::ResourceExhaustedError(
-        absl::StrFormat("instances: %d triangles in total, at most %d", triangle_count, kMaxTriangles));
+        absl::StrFormat("instances: %d with %d triangles in total make %d clusters, at most %d",
+                        scene.instances.size(), scene.TriangleCount(), cluster_count, kMaxClusters));
   }
   MaskScene result;
-  result.triangle_count_ = triangle_count;
+  result.triangle_count_ = scene.TriangleCount();
   result.materials_ = scene.materials;
   result.alpha_textures_ = scene.alpha_textures;
   result.meshes_.resize(scene.meshes.size());
@@ -46,13 +51,13 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
       return OutOfMemory(mesh.triangles.size());
     }
   }
-  size_t clusters = 0;
+  size_t first_cluster = 0;
   for (const Instance& instance : scene.instances) {
     const auto mesh = static_cast<uint32_t>(instance.mesh);
-    result.instances_.push_back({mesh, static_cast<uint32_t>(clusters)});
-    clusters += result.meshes_[mesh].clustered.clusters().size();
+    result.instances_.push_back({mesh, static_cast<uint32_t>(first_cluster)});
+    first_cluster += result.meshes_[mesh].clustered.clusters().size();
   }
-  result.clusters_.resize(clusters);
+  result.clusters_.resize(cluster_count);
   for (size_t i = 0; i < scene.instances.size(); ++i) {
     result.PlaceInstance(i, scene.instances[i].world_from_object);
   }
@@ -66,9 +71,8 @@ size_t MaskScene::MostBytes(const Scene& scene) {
     bytes += sizeof(MeshData) + ClusteredMesh::MostBytes(mesh, IsCutout(scene, mesh));
   }
   for (const Instance& instance : scene.instances) {
-    const size_t triangles = scene.meshes[static_cast<size_t>(instance.mesh)].triangles.size();
-    bytes += sizeof(InstanceData) + (triangles + ClusteredMesh::kClusterTriangles - 1) /
-                                        ClusteredMesh::kClusterTriangles * sizeof(Cluster);
+    const Mesh& mesh = scene.meshes[static_cast<size_t>(instance.mesh)];
+    bytes += sizeof(InstanceData) + ClusteredMesh::CountFor(mesh.triangles.size()) * sizeof(Cluster);
   }
   return bytes;
 }

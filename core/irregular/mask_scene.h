@@ -21,10 +21,11 @@ namespace shadowfit {
 /// Const use is safe from many threads at once; changes are not, and must not overlap with use.
 class MaskScene {
  public:
-  /// At most this many triangles, instances counted one by one.
-  static constexpr size_t kMaxTriangles = size_t{1} << 30;
+  /// At most this many clusters of triangles, those of each instance counted: 2^28 triangles, or as many
+  /// instances as would take half a gigabyte to find those that one light sees in all directions.
+  static constexpr size_t kMaxClusters = size_t{1} << 22;
 
-  /// InvalidArgument where Validate() refuses the scene, ResourceExhausted above kMaxTriangles. A scene
+  /// InvalidArgument where Validate() refuses the scene, ResourceExhausted above kMaxClusters. A scene
   /// without triangles is allowed and casts no shadow. Takes its own copy of what it needs.
   static absl::StatusOr<MaskScene> Create(const Scene& scene);
 

@@ -26,6 +26,12 @@ using namespace irregular;  // NOLINT(google-build-using-namespace): its impleme
 /// second-level cache.
 constexpr int kPieceStrips = 16;
 constexpr int kPiecePixels = 1 << 15;
+/// Lights whose boxes take more are rendered in groups, or one by one.
+constexpr size_t kMostBoxBytes = size_t{64} << 20;
+
+double MillisecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
 
 const char* KindName(const Light& light) {
   if (std::holds_alternative<PointLight>(light)) return "point";
@@ -46,7 +52,7 @@ struct MaskRenderer::Workspace {
 
   // Of a light.
   std::deque<LightPlan> plans;
-  std::deque<CasterBoxes> boxes;
+  std::deque<CasterBoxes> boxes;            ///< Of a light of the group that is rendered.
   std::vector<std::vector<uint16_t>> bits;  ///< A word per strip.
   std::vector<std::vector<uint8_t>> rgb, coverage;
   std::vector<LightMask> masks;
@@ -59,7 +65,9 @@ struct MaskRenderer::Workspace {
   void SetUpCasters(const MaskRequest& request);
   absl::Status PlaceMovedInstances(const MaskRequest& request);
   absl::Status PlanLight(const MaskRequest& request, size_t light);
+  size_t EndOfGroup(size_t begin, size_t end) const;
   MaskImages ImagesOf(const MaskRequest& request, size_t light);
+  absl::Status BoundCasters(const MaskRequest& request, size_t begin, size_t end);
   absl::Status RenderLights(const MaskRequest& request, size_t begin, size_t end);
   void Sum(const MaskRequest& request, size_t light);
 };
@@ -152,14 +160,34 @@ absl::Status MaskRenderer::Workspace::PlanLight(const MaskRequest& request, size
   }
   const auto start = std::chrono::steady_clock::now();
   plans[light].Plan(request, light, *ray_space);
-  if (!boxes[light].Compute(segments, plans[light], request.cancellation)) {
-    return absl::ResourceExhaustedError(
-        absl::StrFormat("scene: no memory for boxes of %d clusters", boxes[light].count()));
-  }
-  const auto end = std::chrono::steady_clock::now();
   masks[light] = LightMask{};
-  masks[light].milliseconds.plan = std::chrono::duration<double, std::milli>(end - start).count();
+  masks[light].milliseconds.plan = MillisecondsSince(start);
   return CancelledStatus(request.cancellation);
+}
+
+/// Of the first lights from `begin` on, as many as can be rendered together.
+size_t MaskRenderer::Workspace::EndOfGroup(size_t begin, size_t end) const {
+  size_t clusters = 0;
+  for (const CasterSegment& segment : segments) clusters += segment.clusters.size();
+  size_t bytes = 0, light = begin;
+  do {
+    bytes += CasterBoxes::BytesFor(clusters, plans[light]);
+  } while (++light < end && bytes + CasterBoxes::BytesFor(clusters, plans[light]) <= kMostBoxBytes);
+  return light;
+}
+
+absl::Status MaskRenderer::Workspace::BoundCasters(const MaskRequest& request, size_t begin, size_t end) {
+  if (boxes.size() < end - begin) boxes.resize(end - begin);
+  for (size_t light = begin; light < end; ++light) {
+    const auto start = std::chrono::steady_clock::now();
+    if (!boxes[light - begin].Compute(segments, plans[light], request.cancellation)) {
+      return absl::ResourceExhaustedError(
+          absl::StrFormat("scene: no memory for boxes of %d clusters", request.scene->clusters().size()));
+    }
+    masks[light].milliseconds.plan += MillisecondsSince(start);
+    if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
+  }
+  return absl::OkStatus();
 }
 
 MaskImages MaskRenderer::Workspace::ImagesOf(const MaskRequest& request, size_t light) {
@@ -184,7 +212,7 @@ MaskImages MaskRenderer::Workspace::ImagesOf(const MaskRequest& request, size_t 
 /// (RayFromPixel), eight multiplications a pixel as rows share the rest; from its position it would be nine,
 /// and three doubles to store and to read.
 absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, size_t begin, size_t end) {
-  totals.assign(pieces.size() * request.lights.size(), PieceTotals{});
+  if (absl::Status status = BoundCasters(request, begin, end); !status.ok()) return status;
   const CasterInput input = {request.scene, segments, casters, channels};
   std::vector<MaskImages> images;
   images.reserve(end - begin);
@@ -193,7 +221,7 @@ absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, s
   const auto render = [&](PieceRenderer& renderer, size_t i) {
     for (size_t light = begin; light < end; ++light) {
       const absl::Status status =
-          renderer.Render(request, plans[light], boxes[light], input, pieces[i], share_work,
+          renderer.Render(request, plans[light], boxes[light - begin], input, pieces[i], share_work,
                           images[light - begin], &totals[light * pieces.size() + i]);
       if (absl::IsResourceExhausted(status)) failed.store(true, std::memory_order_relaxed);
     }
@@ -252,14 +280,19 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
   if (absl::Status status = w.PlaceMovedInstances(request); !status.ok()) return status;
   const size_t lights = request.lights.size();
   w.masks.resize(lights);
-  if (w.plans.size() < lights) w.plans.resize(lights), w.boxes.resize(lights);
+  if (w.plans.size() < lights) w.plans.resize(lights);
   if (w.bits.size() < lights) w.bits.resize(lights);
   if (w.rgb.size() < lights) w.rgb.resize(lights);
   if (w.coverage.size() < lights) w.coverage.resize(lights);
   for (size_t light = 0; light < lights; ++light) {
     if (absl::Status status = w.PlanLight(request, light); !status.ok()) return status;
   }
-  if (absl::Status status = w.RenderLights(request, 0, lights); !status.ok()) return status;
+  w.totals.assign(w.pieces.size() * lights, PieceTotals{});
+  for (size_t begin = 0; begin < lights;) {
+    const size_t end = w.EndOfGroup(begin, lights);
+    if (absl::Status status = w.RenderLights(request, begin, end); !status.ok()) return status;
+    begin = end;
+  }
   std::vector<size_t> again;
   for (size_t light = 0; light < lights; ++light) {
     const PieceTotals* first = w.totals.data() + light * w.pieces.size();
@@ -274,9 +307,6 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
   // Rare samples that the planning ones did not foresee: all directions, then.
   for (const size_t light : again) {
     w.plans[light].UseSixFaces();
-    if (!w.boxes[light].Compute(w.segments, w.plans[light], request.cancellation)) {
-      return absl::ResourceExhaustedError("scene: no memory for boxes");
-    }
     if (absl::Status status = w.RenderLights(request, light, light + 1); !status.ok()) return status;
     w.Sum(request, light);
   }

@@ -742,6 +742,51 @@ TEST(ShadowMasks, InstancesMovedByAFrameEqualAMovedScene) {
   EXPECT_EQ(a.Render(request).status().message(), "moved_instances[1].world_from_object[10]: not finite");
 }
 
+/// Few bytes describe very many instances, and each light would keep a box for each of them.
+TEST(ShadowMasks, ManyLightsAmidManyInstancesTakeTurns) {
+  Scene scene = OneMeshScene({{-0.05f, 0, 0}, {0.05f, 0, 0}, {0, 0.1f, 0.02f}}, {{0, 1, 2}});
+  scene.instances.clear();
+  RandomScenes random(5);
+  for (int i = 0; i < 25'000; ++i) {
+    Instance& instance = scene.instances.emplace_back();
+    instance.world_from_object[3] = random.Point(2.0);
+  }
+  const auto mask_scene = MaskScene::Create(scene);
+  ASSERT_TRUE(mask_scene.ok()) << mask_scene.status();
+  std::vector<glm::vec3> points;
+  for (int i = 0; i < kWidth * kHeight; ++i) points.push_back(random.Point(3.0));
+  std::vector<Light> lights;
+  for (int i = 0; i < 32; ++i) lights.emplace_back(PointLight{glm::dvec3(random.Point(0.5))});
+  ReceiverLayer layer;
+  layer.ws_positions = BottomFirst(points.data(), kWidth, kHeight);
+  MaskRenderer renderer;
+  MaskRequest request = RequestFor(*mask_scene, layer, lights[0]);
+  request.lights = lights;
+  const auto masks = renderer.Render(request);
+  ASSERT_TRUE(masks.ok()) << masks.status();
+  ASSERT_EQ(masks->size(), lights.size());
+  EXPECT_LT(renderer.MemoryBytes(), size_t{72} << 20);
+  for (size_t i = 0; i < lights.size(); ++i) {
+    const LightMask& mask = (*masks)[i];
+    EXPECT_EQ(mask.faces, 6);
+    EXPECT_GT(mask.shadowed_samples, 5u);
+    MaskRenderer alone;
+    const auto expected = alone.Render(RequestFor(*mask_scene, layer, lights[i]));
+    ASSERT_TRUE(expected.ok()) << expected.status();
+    EXPECT_TRUE(std::equal(mask.bits.begin(), mask.bits.end(), (*expected)[0].bits.begin())) << i;
+  }
+}
+
+TEST(ShadowMasks, ASceneOfTooManyClustersIsRefused) {
+  Scene scene = OneMeshScene({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {});
+  scene.meshes[0].triangles.assign((MaskScene::kMaxClusters >> 12) * 64, {0, 1, 2});
+  scene.instances.resize(4096);
+  EXPECT_LE(MaskScene::MostBytes(scene), size_t{200} << 20);
+  scene.instances.emplace_back();
+  EXPECT_EQ(MaskScene::Create(scene).status().message(),
+            "instances: 4097 with 268500992 triangles in total make 4195328 clusters, at most 4194304");
+}
+
 /// Four samples a pixel, each a layer; one of them without a sample here and there.
 TEST(ShadowMasks, CoverageIsTheShareOfSamplesThatLightReaches) {
   View view = FloorView(3000);
