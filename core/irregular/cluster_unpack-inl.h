@@ -72,12 +72,13 @@ constexpr uint32_t kMostInRegisters = 64;
 HWY_INLINE void LookUpInRegisters(const CasterCluster& cluster, const Placement& placement, float* blocks) {
   VF table[3][4];
   for (size_t group = 0; group < 4; ++group) {
-    VF p[4] = {hn::Zero(df), hn::Zero(df), hn::Zero(df), hn::Zero(df)};
-    if (group * 16 < cluster.vertex_count) {
-      for (size_t k = 0; k < 4; ++k) p[k] = hn::Load(df, cluster.vertices() + 64 * group + 16 * k);
-      TransposeBlocks(p);
-      placement.Apply(p);
+    VF p[4];
+    for (size_t k = 0; k < 4; ++k) {
+      const size_t first = 16 * group + 4 * k;
+      p[k] = first < cluster.vertex_count ? hn::LoadU(df, cluster.vertices() + 4 * first) : hn::Zero(df);
     }
+    TransposeBlocks(p);
+    placement.Apply(p);
     for (size_t axis = 0; axis < 3; ++axis) table[axis][group] = p[axis];
   }
   for (size_t corner = 0; corner < size_t{cluster.block_count} * 3; ++corner) {

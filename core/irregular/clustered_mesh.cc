@@ -18,9 +18,8 @@ namespace {
 constexpr size_t kPieceClusters = 64;
 /// The number of the position that a place without a triangle has.
 constexpr uint32_t kNoPosition = std::numeric_limits<uint32_t>::max();
+/// x, y, z and the position's number; of separate corners, too.
 constexpr size_t kVertexFloats = 4;
-/// Vertices are read in groups of 16, beyond the last of a cluster.
-constexpr size_t kPaddingLines = 4;
 
 size_t BlocksFor(size_t triangles) { return (triangles + kBlock - 1) / kBlock; }
 
@@ -72,7 +71,7 @@ std::vector<uint32_t> MortonOrder(const Mesh& mesh) {
 template <typename Float, typename Visit>
 void ForEachPosition(const ClusteredMesh::Cluster& cluster, Float* lines, const Visit& visit) {
   if (cluster.vertex_count != 0) {
-    Float* const vertices = lines + ClusteredMesh::kNumberLines * ClusteredMesh::kLineFloats;
+    Float* const vertices = lines + cluster.block_count * ClusteredMesh::kNumberFloats;
     for (size_t i = 0; i < cluster.vertex_count; ++i) {
       Float* const vertex = vertices + i * kVertexFloats;
       visit(vertex, size_t{1}, vertex + 3);
@@ -87,14 +86,19 @@ void ForEachPosition(const ClusteredMesh::Cluster& cluster, Float* lines, const 
   }
 }
 
+/// Texture coordinates follow all else: in floats.
+size_t UvStart(const ClusteredMesh::Cluster& cluster) {
+  if (cluster.vertex_count == 0) return size_t{cluster.block_count} * 3 * kBlock * kVertexFloats;
+  return cluster.block_count * ClusteredMesh::kNumberFloats +
+         (size_t{cluster.vertex_count} + 3) / 4 * 4 * kVertexFloats;
+}
+
 /// Lines of a cluster with all that belongs to it.
 size_t AllLines(const ClusteredMesh::Cluster& cluster, bool cutout) {
-  const size_t corners = size_t{cluster.block_count} * 3 * kBlock;
-  const size_t vertices = cluster.vertex_count == 0 ? corners : cluster.vertex_count;
-  size_t bytes = vertices * kVertexFloats * sizeof(float) + (cutout ? vertices * sizeof(glm::vec2) : 0);
-  constexpr size_t kLineBytes = ClusteredMesh::kLineFloats * sizeof(float);
-  if (cluster.vertex_count != 0) bytes += ClusteredMesh::kNumberLines * kLineBytes;
-  return (bytes + kLineBytes - 1) / kLineBytes;
+  const size_t vertices =
+      cluster.vertex_count != 0 ? cluster.vertex_count : size_t{cluster.block_count} * 3 * kBlock;
+  const size_t floats = UvStart(cluster) + (cutout ? 2 * vertices : 0);
+  return (floats + ClusteredMesh::kLineFloats - 1) / ClusteredMesh::kLineFloats;
 }
 
 }  // namespace
@@ -138,11 +142,10 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
     cluster.first_line = static_cast<uint32_t>(lines);
     lines += AllLines(cluster, cutout);
   }
-  if (!lines_.Reserve((lines + kPaddingLines) * kLineFloats)) return false;
+  if (!lines_.Reserve(lines * kLineFloats)) return false;
   ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
   });
-  std::fill_n(lines_.data() + lines * kLineFloats, kPaddingLines * kLineFloats, 0.0f);
   SetPositions(mesh.positions);
   return true;
 }
@@ -151,7 +154,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
 void ClusteredMesh::Fill(const Cluster& cluster, const Corners& corners, const Mesh& mesh) {
   float* const lines = LinesOf(cluster);
   std::fill_n(lines, AllLines(cluster, cutout_) * kLineFloats, 0.0f);
-  float* uvs = cutout_ ? const_cast<float*>(UvsOf(cluster)) : nullptr;
+  float* uvs = cutout_ ? lines + UvStart(cluster) : nullptr;
   const auto add = [&](uint32_t id, float* number) {
     std::memcpy(number, &id, sizeof(id));
     if (uvs == nullptr) return;
@@ -184,8 +187,7 @@ size_t ClusteredMesh::MostBytes(const Mesh& mesh, bool cutout) {
   Cluster whole;
   whole.block_count = kClusterBlocks;
   return CountFor(mesh.triangles.size()) *
-             (sizeof(Cluster) + AllLines(whole, cutout) * kLineFloats * sizeof(float)) +
-         kPaddingLines * kLineFloats * sizeof(float);
+         (sizeof(Cluster) + AllLines(whole, cutout) * kLineFloats * sizeof(float));
 }
 
 void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions) {
@@ -203,11 +205,7 @@ void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions) {
 }
 
 const float* ClusteredMesh::UvsOf(const Cluster& cluster) const {
-  if (!cutout_) return nullptr;
-  const size_t vertices =
-      cluster.vertex_count == 0 ? size_t{cluster.block_count} * 3 * kBlock : cluster.vertex_count;
-  const size_t numbers = cluster.vertex_count == 0 ? 0 : kNumberLines * kLineFloats;
-  return LinesOf(cluster) + numbers + vertices * kVertexFloats;
+  return cutout_ ? LinesOf(cluster) + UvStart(cluster) : nullptr;
 }
 
 void ClusteredMesh::BoundCluster(const Cluster& cluster, const glm::mat4x3& world_from_object,

@@ -18,9 +18,10 @@ namespace shadowfit::irregular {
 /// A cluster takes lines of 16 floats, 64 bytes, and one of two forms, the smaller one. Triangles are counted
 /// in blocks of kBlock; the places of the last block that no triangle takes have corners that are NaN.
 ///
-///   - Vertices are shared: kNumberLines lines of corners, a byte each, which is the number of a vertex: the
-///     first corners of a block's triangles, then their second, then their third; and after all blocks the
-///     vertices, four floats each, which are x, y, z and, as an integer, the number of the mesh's position.
+///   - Vertices are shared: for each block kNumberFloats floats' room of corners, a byte each, which is the
+///     number of a vertex: the first corners of the block's triangles, then their second, then their third;
+///     and after all blocks the vertices, four floats each, which are x, y, z and, as an integer, the number
+///     of the mesh's position. There is room for a multiple of four.
 ///
 ///   - Corners are separate, as in a soup of triangles: for each block nine lines, a.x a.y a.z b.x .. c.z;
 ///     and after all blocks, three lines each, the numbers of their positions.
@@ -31,7 +32,7 @@ class ClusteredMesh {
  public:
   static constexpr size_t kClusterTriangles = kClusterBlocks * kBlock;
   static constexpr size_t kLineFloats = 16;
-  static constexpr size_t kNumberLines = kClusterTriangles * 3 / (kLineFloats * sizeof(float));
+  static constexpr size_t kNumberFloats = 3 * kBlock / sizeof(float);
 
   struct Cluster {
     uint32_t first_line = 0;
@@ -40,7 +41,8 @@ class ClusteredMesh {
 
     /// Without numbers of positions that lie by themselves, and without texture coordinates.
     size_t line_count() const {
-      return vertex_count == 0 ? size_t{block_count} * 9 : kNumberLines + (size_t{vertex_count} + 3) / 4;
+      if (vertex_count == 0) return size_t{block_count} * 9;
+      return (block_count * kNumberFloats + size_t{vertex_count} * 4 + kLineFloats - 1) / kLineFloats;
     }
   };
 

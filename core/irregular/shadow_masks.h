@@ -103,7 +103,7 @@ struct MaskRequest {
   std::span<const ReceiverLayer> layers;
   std::span<const Light> lights;
   /// Instances that are elsewhere than the scene says, none twice. The scene itself is not changed, so that
-  /// many frames can share it; costs one pass over these instances' triangles.
+  /// many frames can share it; costs one pass over these instances' vertices.
   std::span<const MovedInstance> moved_instances;
   /// Optional: KnownShadow of each pixel, for light i and layer j at i * layers.size() + j. What is known is
   /// taken over and costs next to nothing; the rest is rendered.

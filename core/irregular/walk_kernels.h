@@ -53,7 +53,7 @@ struct CasterCluster {
 
   // Where vertices are shared.
   const uint8_t* corner_numbers() const { return reinterpret_cast<const uint8_t*>(lines); }
-  const float* vertices() const { return lines + ClusteredMesh::kNumberLines * ClusteredMesh::kLineFloats; }
+  const float* vertices() const { return lines + block_count * ClusteredMesh::kNumberFloats; }
 };
 
 /// Boxes in plane coordinates, padded by kPadding.

@@ -91,7 +91,7 @@ std::vector<Triangle> TrianglesOf(const ClusteredMesh& mesh) {
         if (cluster.vertex_count != 0) {
           vertex = numbers[place];
           EXPECT_LT(vertex, cluster.vertex_count);
-          const float* p = lines + ClusteredMesh::kNumberLines * 16 + 4 * vertex;
+          const float* p = lines + cluster.block_count * ClusteredMesh::kNumberFloats + 4 * vertex;
           triangle[corner] = {p[0], p[1], p[2]};
         } else {
           const float* p = lines + (i / kBlock * 9 + corner * 3) * kBlock + i % kBlock;
