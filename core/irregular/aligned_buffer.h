@@ -10,8 +10,9 @@
 namespace shadowfit::irregular {
 
 /// Cache-line aligned scratch memory that only ever grows, so that a stream of frames of one size allocates
-/// once. Contents are not initialised and do not survive growth. Large buffers ask for large pages: they are
-/// read in no order that a table of small ones could follow.
+/// once. Contents are not initialised and do not survive growth. Large buffers are read in no order that a
+/// table of small pages could follow. They are mapped by themselves and ask for large pages: what an
+/// allocator hands out anew, in a process that has run for a while, lies on the small pages it had before.
 template <typename T>
 class AlignedBuffer {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -23,13 +24,8 @@ class AlignedBuffer {
     data_.reset();
     capacity_ = 0;
     const size_t bytes = count * sizeof(T);
-    const bool large = bytes >= kLargePage;
-    data_.get_deleter().alignment = std::align_val_t{large ? kLargePage : kCacheLine};
-    data_.reset(static_cast<T*>(::operator new[](bytes, data_.get_deleter().alignment, std::nothrow)));
+    data_ = bytes < kLargePage ? Allocate(bytes) : Map(bytes);
     if (data_ == nullptr) return false;
-#ifdef MADV_HUGEPAGE
-    if (large) madvise(data_.get(), bytes, MADV_HUGEPAGE);  // Without effect where it is refused.
-#endif
     capacity_ = count;
     return true;
   }
@@ -45,10 +41,38 @@ class AlignedBuffer {
   static constexpr size_t kCacheLine = 64;
   static constexpr size_t kLargePage = size_t{2} << 20;
   struct Delete {
-    std::align_val_t alignment{kCacheLine};
-    void operator()(T* p) const { ::operator delete[](p, alignment); }
+    void* mapping = nullptr;  ///< Of a large buffer.
+    size_t mapped_bytes = 0;
+    void operator()(T* p) const {
+      if (mapping != nullptr) {
+        munmap(mapping, mapped_bytes);
+      } else {
+        ::operator delete[](p, std::align_val_t{kCacheLine});
+      }
+    }
   };
-  std::unique_ptr<T, Delete> data_;
+
+  using Data = std::unique_ptr<T, Delete>;
+
+  static Data Allocate(size_t bytes) {
+    return Data(static_cast<T*>(::operator new[](bytes, std::align_val_t{kCacheLine}, std::nothrow)));
+  }
+
+  static Data Map(size_t bytes) {
+    const size_t mapped_bytes = bytes + kLargePage;  // Room to align it.
+    void* const mapping =
+        mmap(nullptr, mapped_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (mapping == MAP_FAILED) return nullptr;
+    void* aligned = mapping;
+    size_t space = mapped_bytes;
+    std::align(kLargePage, bytes, aligned, space);
+#ifdef MADV_HUGEPAGE
+    madvise(aligned, bytes, MADV_HUGEPAGE);  // Without effect where it is refused.
+#endif
+    return Data(static_cast<T*>(aligned), Delete{mapping, mapped_bytes});
+  }
+
+  Data data_;
   size_t capacity_ = 0;
 };
 
