@@ -5,7 +5,9 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
+#include <iterator>
 #include <limits>
 
 #include "core/irregular/parallel.h"
@@ -105,17 +107,26 @@ size_t AllLines(const ClusteredMesh::Cluster& cluster, bool cutout) {
 
 ClusteredMesh::Corners ClusteredMesh::CornersOf(const Mesh& mesh, std::span<const uint32_t> triangles) {
   Corners result;
-  for (size_t i = 0; i < kClusterTriangles; ++i) {
+  // Open addressing: one more than the number of a vertex, or zero.
+  constexpr int kSlotBits = 9;
+  std::array<uint8_t, 1 << kSlotBits> slots{};
+  static_assert(std::size(result.distinct) < std::numeric_limits<uint8_t>::max());
+  const size_t places = BlocksFor(triangles.size()) * kBlock;
+  for (size_t i = 0; i < places; ++i) {
     for (int corner = 0; corner < 3; ++corner) {
-      result.ids[corner][i] = i < triangles.size() ? mesh.triangles[triangles[i]][corner] : kNoPosition;
+      const uint32_t position = i < triangles.size() ? mesh.triangles[triangles[i]][corner] : kNoPosition;
+      size_t slot = (position * 2654435761u) >> (32 - kSlotBits);
+      while (slots[slot] != 0 && result.distinct[slots[slot] - 1u] != position) {
+        slot = (slot + 1) % slots.size();
+      }
+      if (slots[slot] == 0) {
+        result.distinct[result.distinct_count] = position;
+        slots[slot] = static_cast<uint8_t>(++result.distinct_count);
+      }
+      result.positions[corner][i] = position;
+      result.vertices[corner][i] = static_cast<uint8_t>(slots[slot] - 1);
     }
   }
-  // Those of the last block, but of none that is not there.
-  const size_t places = BlocksFor(triangles.size()) * kBlock;
-  uint32_t* end = result.vertices;
-  for (const auto& ids : result.ids) end = std::copy_n(ids, places, end);
-  std::sort(result.vertices, end);
-  result.vertex_count = static_cast<size_t>(std::unique(result.vertices, end) - result.vertices);
   return result;
 }
 
@@ -133,7 +144,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
       Cluster& cluster = clusters_[i];
       cluster.block_count = static_cast<uint16_t>(BlocksFor(triangles_of(i).size()));
       const size_t separate = AllLines(cluster, cutout);
-      cluster.vertex_count = static_cast<uint16_t>(CornersOf(mesh, triangles_of(i)).vertex_count);
+      cluster.vertex_count = static_cast<uint16_t>(CornersOf(mesh, triangles_of(i)).distinct_count);
       if (AllLines(cluster, cutout) >= separate) cluster.vertex_count = 0;
     }
   });
@@ -165,19 +176,17 @@ void ClusteredMesh::Fill(const Cluster& cluster, const Corners& corners, const M
   size_t next = 0;
   if (cluster.vertex_count != 0) {
     auto* const numbers = reinterpret_cast<uint8_t*>(lines);
-    const uint32_t* const end = corners.vertices + corners.vertex_count;
     for (size_t i = 0; i < size_t{cluster.block_count} * kBlock; ++i) {
       for (size_t corner = 0; corner < 3; ++corner) {
-        numbers[(i / kBlock * 3 + corner) * kBlock + i % kBlock] = static_cast<uint8_t>(
-            std::lower_bound(corners.vertices, end, corners.ids[corner][i]) - corners.vertices);
+        numbers[(i / kBlock * 3 + corner) * kBlock + i % kBlock] = corners.vertices[corner][i];
       }
     }
     ForEachPosition(cluster, lines,
-                    [&](float*, size_t, float* number) { add(corners.vertices[next++], number); });
+                    [&](float*, size_t, float* number) { add(corners.distinct[next++], number); });
   } else {
     ForEachPosition(cluster, lines, [&](float*, size_t, float* number) {
       const size_t block = next / (3 * kBlock), corner = next / kBlock % 3;
-      add(corners.ids[corner][block * kBlock + next % kBlock], number);
+      add(corners.positions[corner][block * kBlock + next % kBlock], number);
       ++next;
     });
   }

@@ -76,11 +76,12 @@ class ClusteredMesh {
   size_t MemoryBytes() const { return lines_.MemoryBytes() + clusters_.capacity() * sizeof(Cluster); }
 
  private:
-  /// Of triangles [first, first + count) in Morton order.
+  /// Of a cluster's triangles. Places without one have corners, too: kNoPosition.
   struct Corners {
-    uint32_t ids[3][kClusterTriangles];
-    uint32_t vertices[3 * kClusterTriangles + 1];  ///< The mesh's positions, each once, in ascending order.
-    size_t vertex_count;
+    uint32_t positions[3][kClusterTriangles];      ///< Of the mesh, by number.
+    uint8_t vertices[3][kClusterTriangles];        ///< Which of these they are:
+    uint32_t distinct[3 * kClusterTriangles + 1];  ///< Each position once.
+    size_t distinct_count = 0;
   };
   static Corners CornersOf(const Mesh& mesh, std::span<const uint32_t> triangles);
   void Fill(const Cluster& cluster, const Corners& corners, const Mesh& mesh);
