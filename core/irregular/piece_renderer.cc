@@ -381,7 +381,9 @@ bool PieceRenderer::WalkBand(const MaskRequest& request, const LightPlan& plan, 
 size_t PieceRenderer::CountUndecided() const {
   size_t count = 0;
   for (size_t word = 0; word < (size_t{end_sample_} + 31) / 32; ++word) {
-    count += static_cast<size_t>(std::popcount(touched_twice_[word] & ~shadow_[word]));
+    // Rare: most words have none.
+    const uint32_t undecided = touched_twice_[word] & ~shadow_[word];
+    if (undecided != 0) count += static_cast<size_t>(std::popcount(undecided));
   }
   return count;
 }
