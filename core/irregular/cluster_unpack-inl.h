@@ -84,7 +84,7 @@ HWY_INLINE void LookUpInRegisters(const CasterCluster& cluster, const Placement&
   for (size_t corner = 0; corner < size_t{cluster.block_count} * 3; ++corner) {
     const hn::Rebind<uint8_t, DF> bytes;
     const VU number = hn::PromoteTo(du, hn::Load(bytes, cluster.corner_numbers() + corner * kBlock));
-    // Vertex 4 i + j of a group came from lane 4 i of vector j to lane 4 j + i.
+    // A group's vertex 4 i + j came from lane 4 j of vector i to lane 4 j + i.
     const VU lane = hn::Or(hn::And(hn::ShiftLeft<2>(number), hn::Set(du, 12)),
                            hn::And(hn::ShiftRight<2>(number), hn::Set(du, 3)));
     const auto index = hn::IndicesFromVec(df, lane);

@@ -33,11 +33,11 @@ bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& cast
       } else {
         chosen = SelectBoxes(boxes, task, begin, end, selected);
       }
+      const auto cluster_at = [&](size_t i) -> const MaskScene::Cluster& {
+        return segment.clusters[selected[i] - segment_begin];
+      };
       for (size_t i = 0; i < chosen; ++i) {
         if (i % kClustersOfPoll == 0 && task.Cancelled()) return true;
-        const auto cluster_at = [&](size_t at) -> const MaskScene::Cluster& {
-          return segment.clusters[selected[at] - segment_begin];
-        };
         const MaskScene::PlacedMesh placed = casters.scene->InstanceOf(cluster_at(i));
         const Caster& caster = casters.casters[placed.material];
         if (!caster.casts) continue;
@@ -58,10 +58,10 @@ bool WalkClusters(WalkTask task, const BoxArrays& boxes, const CasterInput& cast
         out.world_from_object = segment.moved != nullptr ? segment.moved : placed.world_from_object;
         out.caster = &caster;
         if (i + 1 < chosen) {
-          const ClusteredMesh& next_mesh = casters.scene->InstanceOf(cluster_at(i + 1)).mesh;
-          const ClusteredMesh::Cluster& next = next_mesh.clusters()[cluster_at(i + 1).number];
-          out.next_lines = next_mesh.LinesOf(next);
-          out.next_line_count = next.line_count();
+          const MaskScene::Cluster& next = cluster_at(i + 1);
+          const ClusteredMesh& mesh = casters.scene->InstanceOf(next).mesh;
+          out.next_lines = mesh.LinesOf(mesh.clusters()[next.number]);
+          out.next_line_count = mesh.clusters()[next.number].line_count();
         }
         WalkTriangles(task, out);
       }

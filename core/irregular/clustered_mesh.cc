@@ -16,8 +16,6 @@
 namespace shadowfit::irregular {
 namespace {
 
-/// Clusters that are worth a task.
-constexpr size_t kPieceClusters = 64;
 /// The number of the position that a place without a triangle has.
 constexpr uint32_t kNoPosition = std::numeric_limits<uint32_t>::max();
 /// x, y, z and the position's number; of separate corners, too.
@@ -139,7 +137,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
     return std::span(order).subspan(first, std::min(kClusterTriangles, order.size() - first));
   };
   clusters_.resize(CountFor(order.size()));
-  ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
+  ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       Cluster& cluster = clusters_[i];
       cluster.block_count = static_cast<uint16_t>(BlocksFor(triangles_of(i).size()));
@@ -154,7 +152,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
     lines += AllLines(cluster, cutout);
   }
   if (!lines_.Reserve(lines * kLineFloats)) return false;
-  ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
+  ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
   });
   SetPositions(mesh.positions);
@@ -200,7 +198,7 @@ size_t ClusteredMesh::MostBytes(const Mesh& mesh, bool cutout) {
 }
 
 void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions) {
-  ForEachPiece(clusters_.size(), kPieceClusters, [&](size_t begin, size_t end) {
+  ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       ForEachPosition(clusters_[i], LinesOf(clusters_[i]), [&](float* p, size_t stride, const float* number) {
         uint32_t id;

@@ -31,6 +31,8 @@ namespace shadowfit::irregular {
 class ClusteredMesh {
  public:
   static constexpr size_t kClusterTriangles = kClusterBlocks * kBlock;
+  /// Clusters whose vertices are worth a task.
+  static constexpr size_t kTaskClusters = 64;
   static constexpr size_t kLineFloats = 16;
   static constexpr size_t kNumberFloats = 3 * kBlock / sizeof(float);
 

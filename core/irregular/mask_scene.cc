@@ -12,9 +12,6 @@ namespace {
 
 using irregular::ClusteredMesh;
 
-/// Clusters that are worth a task.
-constexpr size_t kPieceClusters = 64;
-
 bool IsFinite(const glm::vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 bool IsCutout(const Scene& scene, const Mesh& mesh) {
@@ -90,7 +87,7 @@ std::span<const MaskScene::Cluster> MaskScene::ClustersOf(size_t instance) const
 
 void MaskScene::Place(const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
                       const Cancellation* cancellation) const {
-  irregular::ForEachPiece(clusters.size(), kPieceClusters, [&](size_t begin, size_t end) {
+  irregular::ForEachPiece(clusters.size(), ClusteredMesh::kTaskClusters, [&](size_t begin, size_t end) {
     if (cancellation != nullptr && cancellation->Requested()) return;
     for (Cluster& cluster : clusters.subspan(begin, end - begin)) {
       const ClusteredMesh& mesh = meshes_[instances_[cluster.instance].mesh].clustered;

@@ -21,8 +21,8 @@ namespace shadowfit {
 /// Const use is safe from many threads at once; changes are not, and must not overlap with use.
 class MaskScene {
  public:
-  /// At most this many clusters of triangles, those of each instance counted: 2^28 triangles, or as many
-  /// instances as would take half a gigabyte to find those that one light sees in all directions.
+  /// At most this many clusters of triangles, those of each instance counted: 2^28 triangles, or 2^22
+  /// instances of few. Boxes for a light that shines in all directions then take half a gigabyte.
   static constexpr size_t kMaxClusters = size_t{1} << 22;
 
   /// InvalidArgument where Validate() refuses the scene, ResourceExhausted above kMaxClusters. A scene

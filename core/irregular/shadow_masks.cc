@@ -165,15 +165,16 @@ absl::Status MaskRenderer::Workspace::PlanLight(const MaskRequest& request, size
   return CancelledStatus(request.cancellation);
 }
 
-/// Of the first lights from `begin` on, as many as can be rendered together.
+/// The lights [begin, EndOfGroup()) are rendered together: one at least.
 size_t MaskRenderer::Workspace::EndOfGroup(size_t begin, size_t end) const {
   size_t clusters = 0;
   for (const CasterSegment& segment : segments) clusters += segment.clusters.size();
-  size_t bytes = 0, light = begin;
-  do {
+  size_t bytes = 0;
+  for (size_t light = begin; light < end; ++light) {
     bytes += CasterBoxes::BytesFor(clusters, plans[light]);
-  } while (++light < end && bytes + CasterBoxes::BytesFor(clusters, plans[light]) <= kMostBoxBytes);
-  return light;
+    if (light > begin && bytes > kMostBoxBytes) return light;
+  }
+  return end;
 }
 
 absl::Status MaskRenderer::Workspace::BoundCasters(const MaskRequest& request, size_t begin, size_t end) {
