@@ -19,7 +19,7 @@ void FillAndCheck(AlignedBuffer<T>* buffer, size_t count) {
 
 TEST(AlignedBuffer, GrowsOnlyAndLiesOnACacheLine) {
   AlignedBuffer<uint32_t> buffer;
-  EXPECT_EQ(buffer.data(), nullptr);
+  EXPECT_TRUE(buffer.data() == nullptr);
   for (const size_t count : {size_t{1}, size_t{100}, kLarge, 2 * kLarge + 7}) {
     ASSERT_TRUE(buffer.Reserve(count));
     EXPECT_EQ(buffer.capacity(), count);
@@ -28,7 +28,7 @@ TEST(AlignedBuffer, GrowsOnlyAndLiesOnACacheLine) {
   }
   const uint32_t* const before = buffer.data();
   ASSERT_TRUE(buffer.Reserve(5));
-  EXPECT_EQ(buffer.data(), before);
+  EXPECT_TRUE(buffer.data() == before);
   EXPECT_EQ(buffer.MemoryBytes(), (2 * kLarge + 7) * sizeof(uint32_t));
 }
 
@@ -50,7 +50,7 @@ TEST(AlignedBuffer, Moves) {
     FillAndCheck(&from, count);
     const uint8_t* const data = from.data();
     const AlignedBuffer<uint8_t> to = std::move(from);
-    EXPECT_EQ(to.data(), data);
+    EXPECT_TRUE(to.data() == data);
     EXPECT_EQ(to[7], static_cast<uint8_t>(7 * 2654435761u));
   }
 }
