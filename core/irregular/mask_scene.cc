@@ -12,6 +12,9 @@ namespace {
 
 using irregular::ClusteredMesh;
 
+/// Instances that are worth a task; those of many triangles are several.
+constexpr size_t kTaskInstances = 64;
+
 bool IsFinite(const glm::vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 bool IsCutout(const Scene& scene, const Mesh& mesh) {
@@ -55,9 +58,9 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
     first_cluster += result.meshes_[mesh].clustered.clusters().size();
   }
   result.clusters_.resize(cluster_count);
-  for (size_t i = 0; i < scene.instances.size(); ++i) {
-    result.PlaceInstance(i, scene.instances[i].world_from_object);
-  }
+  irregular::ForEachPiece(scene.instances.size(), kTaskInstances, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) result.PlaceInstance(i, scene.instances[i].world_from_object);
+  });
   return result;
 }
 

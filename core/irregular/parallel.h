@@ -27,6 +27,10 @@ void ForEach(size_t count, const Cancellation* cancellation, const Body& body) {
 /// body(begin, end) on pieces of [0, count) that are worth a task.
 template <typename Body>
 void ForEachPiece(size_t count, size_t piece, const Body& body) {
+  if (count <= piece) {
+    if (count > 0) body(size_t{0}, count);
+    return;
+  }
   tbb::parallel_for(tbb::blocked_range<size_t>(0, count, piece),
                     [&](const tbb::blocked_range<size_t>& range) { body(range.begin(), range.end()); });
 }

@@ -26,6 +26,8 @@ using namespace irregular;  // NOLINT(google-build-using-namespace): its impleme
 /// second-level cache.
 constexpr int kPieceStrips = 16;
 constexpr int kPiecePixels = 1 << 15;
+/// Moved instances that are worth a task; those of many triangles are several.
+constexpr size_t kTaskInstances = 64;
 /// Lights whose boxes take more are rendered in groups, or one by one.
 constexpr size_t kMostBoxBytes = size_t{64} << 20;
 
@@ -128,12 +130,8 @@ absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& req
             [](const MovedInstance* a, const MovedInstance* b) { return a->instance < b->instance; });
   moved_clusters.clear();
   for (const MovedInstance* moved : order) {
-    if (absl::Status status = CancelledStatus(request.cancellation); !status.ok()) return status;
     const std::span<const MaskScene::Cluster> clusters = request.scene->ClustersOf(moved->instance);
-    const size_t first = moved_clusters.size();
     moved_clusters.insert(moved_clusters.end(), clusters.begin(), clusters.end());
-    request.scene->Place(moved->world_from_object, std::span(moved_clusters).subspan(first),
-                         request.cancellation);
   }
   segments.clear();
   const std::span<const MaskScene::Cluster> all(request.scene->clusters());
@@ -148,7 +146,15 @@ absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& req
     moved_at += clusters.size();
   }
   segments.push_back({all.subspan(at)});
-  return absl::OkStatus();
+  ForEachPiece(order.size(), kTaskInstances, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      const auto first = static_cast<size_t>(segments[2 * i + 1].clusters.data() - moved_clusters.data());
+      request.scene->Place(order[i]->world_from_object,
+                           std::span(moved_clusters).subspan(first, segments[2 * i + 1].clusters.size()),
+                           request.cancellation);
+    }
+  });
+  return CancelledStatus(request.cancellation);
 }
 
 absl::Status MaskRenderer::Workspace::PlanLight(const MaskRequest& request, size_t light) {
