@@ -170,24 +170,24 @@ BoxArrays CasterBoxes::Of(int face) const {
   return {first, first + stride_, first + 2 * stride_, first + 3 * stride_, first + 4 * stride_};
 }
 
-bool CasterBoxes::Compute(std::span<const CasterSegment> segments, const LightPlan& plan,
+bool CasterBoxes::Compute(std::span<const std::span<const MaskScene::Cluster>> parts, const LightPlan& plan,
                           const Cancellation* cancellation) {
   size_t count = 0;
-  for (const CasterSegment& segment : segments) count += segment.clusters.size();
+  for (const std::span<const MaskScene::Cluster>& part : parts) count += part.size();
   stride_ = StrideFor(count);
   if (!values_.Reserve(static_cast<size_t>(plan.face_count) * 5 * stride_)) return false;
   const float widest = plan.face_count == 1 ? kWidestFace : 1.0f;
   size_t first = 0;
-  for (const CasterSegment& segment : segments) {
-    ForEachPiece(segment.clusters.size(), 4096, [&](size_t begin, size_t end) {
+  for (const std::span<const MaskScene::Cluster>& part : parts) {
+    ForEachPiece(part.size(), 4096, [&](size_t begin, size_t end) {
       if (cancellation != nullptr && cancellation->Requested()) return;
       for (int f = 0; f < plan.face_count; ++f) {
         HWY_DYNAMIC_DISPATCH(BoxesOfClustersImpl)
-        (plan.frame, plan.faces[static_cast<size_t>(f)], widest, segment.clusters.subspan(begin, end - begin),
-         stride_, values_.data() + static_cast<size_t>(f) * 5 * stride_ + first + begin);
+        (plan.frame, plan.faces[static_cast<size_t>(f)], widest, part.subspan(begin, end - begin), stride_,
+         values_.data() + static_cast<size_t>(f) * 5 * stride_ + first + begin);
       }
     });
-    first += segment.clusters.size();
+    first += part.size();
   }
   return true;
 }

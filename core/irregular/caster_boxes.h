@@ -11,21 +11,16 @@
 
 namespace shadowfit::irregular {
 
-/// Clusters one after the other: of instances where the scene has them, or of one that is elsewhere.
-struct CasterSegment {
-  std::span<const MaskScene::Cluster> clusters;
-  const glm::mat4x3* moved = nullptr;  ///< world_from_object of the one that is elsewhere.
-};
-
 /// Where a light sees the clusters: boxes in the plane coordinates of each face, so that a piece of the
 /// samples finds those that may shadow it quickly.
 class CasterBoxes {
  public:
-  /// False where memory runs out. Incomplete once `cancellation` (may be null) asks.
-  [[nodiscard]] bool Compute(std::span<const CasterSegment> segments, const LightPlan& plan,
-                             const Cancellation* cancellation);
+  /// Of clusters that lie in several places, one after the other. False where memory runs out. Incomplete
+  /// once `cancellation` (may be null) asks.
+  [[nodiscard]] bool Compute(std::span<const std::span<const MaskScene::Cluster>> parts,
+                             const LightPlan& plan, const Cancellation* cancellation);
 
-  /// The boxes as a face sees them; numbered through all segments.
+  /// The boxes as a face sees them; numbered through all parts.
   BoxArrays Of(int face) const;
 
   /// What Compute() needs for so many clusters.

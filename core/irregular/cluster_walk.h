@@ -12,9 +12,9 @@ namespace shadowfit::irregular {
 /// What all pieces of all lights share.
 struct CasterInput {
   const MaskScene* scene = nullptr;
-  std::span<const CasterSegment> segments;
-  std::span<const Caster> casters;  ///< By material.
-  int channels = 3;                 ///< Of absorbance; one where all casters are grey.
+  std::span<const glm::mat4x3* const> moved;  ///< By instance, null where it is not; or empty.
+  std::span<const Caster> casters;            ///< By material.
+  int channels = 3;                           ///< Of absorbance; one where all casters are grey.
 };
 
 /// Streams clusters of triangles over the samples of a band: those whose boxes overlap them and lie before

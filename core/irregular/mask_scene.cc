@@ -88,15 +88,9 @@ std::span<const MaskScene::Cluster> MaskScene::ClustersOf(size_t instance) const
   return std::span(clusters_).subspan(data.first_cluster, meshes_[data.mesh].clustered.clusters().size());
 }
 
-void MaskScene::Place(const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
-                      const Cancellation* cancellation) const {
-  irregular::ForEachPiece(clusters.size(), ClusteredMesh::kTaskClusters, [&](size_t begin, size_t end) {
-    if (cancellation != nullptr && cancellation->Requested()) return;
-    for (Cluster& cluster : clusters.subspan(begin, end - begin)) {
-      const ClusteredMesh& mesh = meshes_[instances_[cluster.instance].mesh].clustered;
-      mesh.BoundCluster(mesh.clusters()[cluster.number], world_from_object, &cluster.ws_min, &cluster.ws_max);
-    }
-  });
+void MaskScene::Place(const glm::mat4x3& world_from_object, Cluster* cluster) const {
+  const ClusteredMesh& mesh = meshes_[instances_[cluster->instance].mesh].clustered;
+  mesh.BoundCluster(mesh.clusters()[cluster->number], world_from_object, &cluster->ws_min, &cluster->ws_max);
 }
 
 void MaskScene::PlaceInstance(size_t instance, const glm::mat4x3& world_from_object) {
@@ -105,11 +99,13 @@ void MaskScene::PlaceInstance(size_t instance, const glm::mat4x3& world_from_obj
   data.placed = world_from_object != glm::mat4x3(1.0f);
   const size_t count = ClustersOf(instance).size();
   const std::span<Cluster> clusters = std::span(clusters_).subspan(data.first_cluster, count);
-  for (size_t i = 0; i < count; ++i) {
-    clusters[i].instance = static_cast<uint32_t>(instance);
-    clusters[i].number = static_cast<uint32_t>(i);
-  }
-  Place(world_from_object, clusters);
+  irregular::ForEachPiece(count, ClusteredMesh::kTaskClusters, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      clusters[i].instance = static_cast<uint32_t>(instance);
+      clusters[i].number = static_cast<uint32_t>(i);
+      Place(world_from_object, &clusters[i]);
+    }
+  });
 }
 
 absl::Status MaskScene::SetInstanceTransform(size_t instance, const glm::mat4x3& world_from_object) {

@@ -64,10 +64,8 @@ class MaskScene {
   PlacedMesh InstanceOf(const Cluster& cluster) const;
   /// Of clusters(), those of an instance.
   std::span<const Cluster> ClustersOf(size_t instance) const;
-  /// Sets the boxes of an instance's clusters, `clusters`, to where they would be elsewhere. Once
-  /// `cancellation` (may be null) asks, the rest is left undone.
-  void Place(const glm::mat4x3& world_from_object, std::span<Cluster> clusters,
-             const Cancellation* cancellation = nullptr) const;
+  /// Sets a cluster's box to where it would be if its instance were elsewhere.
+  void Place(const glm::mat4x3& world_from_object, Cluster* cluster) const;
   const std::vector<Material>& materials() const { return materials_; }
   const std::vector<AlphaTexture>& alpha_textures() const { return alpha_textures_; }
 

@@ -26,8 +26,6 @@ using namespace irregular;  // NOLINT(google-build-using-namespace): its impleme
 /// second-level cache.
 constexpr int kPieceStrips = 16;
 constexpr int kPiecePixels = 1 << 15;
-/// Moved instances that are worth a task; those of many triangles are several.
-constexpr size_t kTaskInstances = 64;
 /// Lights whose boxes take more are rendered in groups, or one by one.
 constexpr size_t kMostBoxBytes = size_t{64} << 20;
 
@@ -47,7 +45,8 @@ struct MaskRenderer::Workspace {
   std::vector<Caster> casters;
   int channels = 3;  ///< Of absorbance; one where all casters are grey.
   std::vector<MaskScene::Cluster> moved_clusters;
-  std::vector<CasterSegment> segments;
+  std::vector<const glm::mat4x3*> moved_to;  ///< By instance, null where it is not moved; empty if none is.
+  std::vector<std::span<const MaskScene::Cluster>> parts;  ///< All clusters, in their order.
   std::vector<Piece> pieces;
   bool share_work = false;  ///< One piece, rather than one a task.
   int width = 0, height = 0, strips = 0;
@@ -67,7 +66,7 @@ struct MaskRenderer::Workspace {
   void SetUpCasters(const MaskRequest& request);
   absl::Status PlaceMovedInstances(const MaskRequest& request);
   absl::Status PlanLight(const MaskRequest& request, size_t light);
-  size_t EndOfGroup(size_t begin, size_t end) const;
+  size_t EndOfGroup(size_t clusters, size_t begin, size_t end) const;
   MaskImages ImagesOf(const MaskRequest& request, size_t light);
   absl::Status BoundCasters(const MaskRequest& request, size_t begin, size_t end);
   absl::Status RenderLights(const MaskRequest& request, size_t begin, size_t end);
@@ -133,25 +132,24 @@ absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& req
     const std::span<const MaskScene::Cluster> clusters = request.scene->ClustersOf(moved->instance);
     moved_clusters.insert(moved_clusters.end(), clusters.begin(), clusters.end());
   }
-  segments.clear();
+  moved_to.assign(order.empty() ? 0 : request.scene->InstanceCount(), nullptr);
+  parts.clear();
   const std::span<const MaskScene::Cluster> all(request.scene->clusters());
   size_t at = 0, moved_at = 0;
   for (const MovedInstance* moved : order) {
     const std::span<const MaskScene::Cluster> clusters = request.scene->ClustersOf(moved->instance);
     const auto first = static_cast<size_t>(clusters.data() - all.data());
-    segments.push_back({all.subspan(at, first - at)});
-    segments.push_back(
-        {std::span(moved_clusters).subspan(moved_at, clusters.size()), &moved->world_from_object});
+    if (first > at) parts.push_back(all.subspan(at, first - at));
+    parts.emplace_back(std::span(moved_clusters).subspan(moved_at, clusters.size()));
     at = first + clusters.size();
     moved_at += clusters.size();
+    moved_to[moved->instance] = &moved->world_from_object;
   }
-  segments.push_back({all.subspan(at)});
-  ForEachPiece(order.size(), kTaskInstances, [&](size_t begin, size_t end) {
-    for (size_t i = begin; i < end; ++i) {
-      const auto first = static_cast<size_t>(segments[2 * i + 1].clusters.data() - moved_clusters.data());
-      request.scene->Place(order[i]->world_from_object,
-                           std::span(moved_clusters).subspan(first, segments[2 * i + 1].clusters.size()),
-                           request.cancellation);
+  parts.push_back(all.subspan(at));
+  ForEachPiece(moved_clusters.size(), ClusteredMesh::kTaskClusters, [&](size_t begin, size_t end) {
+    if (request.cancellation != nullptr && request.cancellation->Requested()) return;
+    for (MaskScene::Cluster& cluster : std::span(moved_clusters).subspan(begin, end - begin)) {
+      request.scene->Place(*moved_to[cluster.instance], &cluster);
     }
   });
   return CancelledStatus(request.cancellation);
@@ -172,9 +170,7 @@ absl::Status MaskRenderer::Workspace::PlanLight(const MaskRequest& request, size
 }
 
 /// The lights [begin, EndOfGroup()) are rendered together: one at least.
-size_t MaskRenderer::Workspace::EndOfGroup(size_t begin, size_t end) const {
-  size_t clusters = 0;
-  for (const CasterSegment& segment : segments) clusters += segment.clusters.size();
+size_t MaskRenderer::Workspace::EndOfGroup(size_t clusters, size_t begin, size_t end) const {
   size_t bytes = 0;
   for (size_t light = begin; light < end; ++light) {
     bytes += CasterBoxes::BytesFor(clusters, plans[light]);
@@ -187,7 +183,7 @@ absl::Status MaskRenderer::Workspace::BoundCasters(const MaskRequest& request, s
   if (boxes.size() < end - begin) boxes.resize(end - begin);
   for (size_t light = begin; light < end; ++light) {
     const auto start = std::chrono::steady_clock::now();
-    if (!boxes[light - begin].Compute(segments, plans[light], request.cancellation)) {
+    if (!boxes[light - begin].Compute(parts, plans[light], request.cancellation)) {
       return absl::ResourceExhaustedError(
           absl::StrFormat("scene: no memory for boxes of %d clusters", request.scene->clusters().size()));
     }
@@ -220,7 +216,7 @@ MaskImages MaskRenderer::Workspace::ImagesOf(const MaskRequest& request, size_t 
 /// and three doubles to store and to read.
 absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, size_t begin, size_t end) {
   if (absl::Status status = BoundCasters(request, begin, end); !status.ok()) return status;
-  const CasterInput input = {request.scene, segments, casters, channels};
+  const CasterInput input = {request.scene, moved_to, casters, channels};
   std::vector<MaskImages> images;
   images.reserve(end - begin);
   for (size_t light = begin; light < end; ++light) images.push_back(ImagesOf(request, light));
@@ -296,7 +292,7 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
   }
   w.totals.assign(w.pieces.size() * lights, PieceTotals{});
   for (size_t begin = 0; begin < lights;) {
-    const size_t end = w.EndOfGroup(begin, lights);
+    const size_t end = w.EndOfGroup(request.scene->clusters().size(), begin, lights);
     if (absl::Status status = w.RenderLights(request, begin, end); !status.ok()) return status;
     begin = end;
   }
@@ -322,7 +318,8 @@ absl::StatusOr<std::span<const LightMask>> MaskRenderer::Render(const MaskReques
 
 size_t MaskRenderer::MemoryBytes() const {
   const Workspace& w = *workspace_;
-  size_t bytes = w.shared_renderer.MemoryBytes() + w.moved_clusters.capacity() * sizeof(MaskScene::Cluster);
+  size_t bytes = w.shared_renderer.MemoryBytes() + w.moved_clusters.capacity() * sizeof(MaskScene::Cluster) +
+                 w.moved_to.capacity() * sizeof(const glm::mat4x3*);
   for (const PieceRenderer& renderer : w.renderers) bytes += renderer.MemoryBytes();
   for (const CasterBoxes& boxes : w.boxes) bytes += boxes.MemoryBytes();
   for (const auto& mask : w.bits) bytes += mask.capacity() * sizeof(uint16_t);
