@@ -51,6 +51,8 @@ TEST(Faults, AServerKilledUnderAStreamIsAClearErrorWithinTheDeadline) {
   uint64_t id = Fill(*stream, frame, 0);
   const auto first = stream->Wait(20s);
   ASSERT_TRUE(first.has_value() && first->result.ok());
+  // So that what follows is not answered, however long this process may stand still before the kill.
+  server.process().Signal(SIGSTOP);
   id = Fill(*stream, frame, id);
   const int under_way = stream->in_flight();
   EXPECT_EQ(under_way, 3);
