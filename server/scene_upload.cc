@@ -133,7 +133,8 @@ absl::Status SceneUpload::TryStore() {
   absl::StatusOr<SceneStore::Room> room = context_.scenes.TakeRoom(MaskScene::MostBytes(scene));
   if (!room.ok()) return room.status();
   if (absl::Status status = check(); !status.ok()) return status;
-  absl::StatusOr<MaskScene> mask_scene = MaskScene::Create(scene);
+  absl::StatusOr<MaskScene> mask_scene = MaskScene::Create(scene, &cancellation_);
+  if (absl::Status status = check(); !status.ok()) return status;
   if (!mask_scene.ok()) return mask_scene.status();
   room->ShrinkTo(mask_scene->MemoryBytes());
   const SceneStore::Handle stored = context_.scenes.Insert(digest_, *std::move(mask_scene), *std::move(room));

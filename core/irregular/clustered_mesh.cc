@@ -128,16 +128,19 @@ ClusteredMesh::Corners ClusteredMesh::CornersOf(const Mesh& mesh, std::span<cons
   return result;
 }
 
-bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
+bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* cancellation) {
   cutout_ = cutout;
   position_count_ = mesh.positions.size();
+  const auto cancelled = [cancellation] { return cancellation != nullptr && cancellation->Requested(); };
   const std::vector<uint32_t> order = MortonOrder(mesh);
+  if (cancelled()) return true;
   const auto triangles_of = [&order](size_t cluster) {
     const size_t first = cluster * kClusterTriangles;
     return std::span(order).subspan(first, std::min(kClusterTriangles, order.size() - first));
   };
   clusters_.resize(CountFor(order.size()));
   ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
+    if (cancelled()) return;
     for (size_t i = begin; i < end; ++i) {
       Cluster& cluster = clusters_[i];
       cluster.block_count = static_cast<uint16_t>(BlocksFor(triangles_of(i).size()));
@@ -146,6 +149,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
       if (AllLines(cluster, cutout) >= separate) cluster.vertex_count = 0;
     }
   });
+  if (cancelled()) return true;
   size_t lines = 0;
   for (Cluster& cluster : clusters_) {
     cluster.first_line = static_cast<uint32_t>(lines);
@@ -153,8 +157,10 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout) {
   }
   if (!lines_.Reserve(lines * kLineFloats)) return false;
   ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
+    if (cancelled()) return;
     for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
   });
+  if (cancelled()) return true;
   SetPositions(mesh.positions);
   return true;
 }

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "core/cancellation.h"
 #include "core/irregular/aligned_buffer.h"
 #include "core/irregular/mask_types.h"
 #include "core/scene/scene.h"
@@ -49,8 +50,8 @@ class ClusteredMesh {
   };
 
   /// Takes the triangles of a mesh that passes Validate(), with texture coordinates where `cutout`. False
-  /// where memory runs out.
-  [[nodiscard]] bool Create(const Mesh& mesh, bool cutout);
+  /// where memory runs out. Incomplete once `cancellation` (may be null) asks.
+  [[nodiscard]] bool Create(const Mesh& mesh, bool cutout, const Cancellation* cancellation = nullptr);
 
   /// Clusters of a mesh of so many triangles.
   static constexpr size_t CountFor(size_t triangles) {

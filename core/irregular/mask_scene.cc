@@ -27,7 +27,7 @@ absl::Status OutOfMemory(size_t triangles) {
 
 }  // namespace
 
-absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
+absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellation* cancellation) {
   if (absl::Status status = Validate(scene); !status.ok()) return status;
   size_t cluster_count = 0;
   for (const Instance& instance : scene.instances) {
@@ -47,9 +47,10 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
   for (size_t i = 0; i < scene.meshes.size(); ++i) {
     const Mesh& mesh = scene.meshes[i];
     result.meshes_[i].material = static_cast<uint32_t>(mesh.material);
-    if (!result.meshes_[i].clustered.Create(mesh, IsCutout(scene, mesh))) {
+    if (!result.meshes_[i].clustered.Create(mesh, IsCutout(scene, mesh), cancellation)) {
       return OutOfMemory(mesh.triangles.size());
     }
+    if (absl::Status status = irregular::CancelledStatus(cancellation); !status.ok()) return status;
   }
   size_t first_cluster = 0;
   for (const Instance& instance : scene.instances) {
@@ -59,8 +60,10 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene) {
   }
   result.clusters_.resize(cluster_count);
   irregular::ForEachPiece(scene.instances.size(), kTaskInstances, [&](size_t begin, size_t end) {
+    if (cancellation != nullptr && cancellation->Requested()) return;
     for (size_t i = begin; i < end; ++i) result.PlaceInstance(i, scene.instances[i].world_from_object);
   });
+  if (absl::Status status = irregular::CancelledStatus(cancellation); !status.ok()) return status;
   return result;
 }
 

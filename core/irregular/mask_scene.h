@@ -26,8 +26,9 @@ class MaskScene {
   static constexpr size_t kMaxClusters = size_t{1} << 22;
 
   /// InvalidArgument where Validate() refuses the scene, ResourceExhausted above kMaxClusters. A scene
-  /// without triangles is allowed and casts no shadow. Takes its own copy of what it needs.
-  static absl::StatusOr<MaskScene> Create(const Scene& scene);
+  /// without triangles is allowed and casts no shadow. Takes its own copy of what it needs. Cancelled or
+  /// DeadlineExceeded once `cancellation` (may be null) asks; sorting a mesh's triangles is not interrupted.
+  static absl::StatusOr<MaskScene> Create(const Scene& scene, const Cancellation* cancellation = nullptr);
 
   /// At least MemoryBytes() of what Create() would make of a scene that passes Validate(): what triangles
   /// without common vertices would take.

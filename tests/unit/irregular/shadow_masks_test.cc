@@ -872,6 +872,26 @@ TEST(ShadowMasks, BadInputIsNamed) {
   EXPECT_EQ(*ParseMaskMethod("bsp"), MaskMethod::kBsp);
 }
 
+TEST(ShadowMasks, CancellationStopsThePreparationOfAScene) {
+  const Scene scene = MakeRandomTriangles(400000, 9);
+  Cancellation gone;
+  gone.Cancel();
+  EXPECT_EQ(MaskScene::Create(scene, &gone).status().code(), absl::StatusCode::kCancelled);
+  const Cancellation late(Cancellation::Clock::now());
+  EXPECT_EQ(MaskScene::Create(scene, &late).status().code(), absl::StatusCode::kDeadlineExceeded);
+  const auto start = Cancellation::Clock::now();
+  ASSERT_TRUE(MaskScene::Create(scene).ok());
+  const auto whole = Cancellation::Clock::now() - start;
+  int stopped = 0;
+  for (int i = 0; i < 8; ++i) {
+    const Cancellation soon(Cancellation::Clock::now() + i * whole / 16);
+    const auto created = MaskScene::Create(scene, &soon);
+    stopped += created.status().code() == absl::StatusCode::kDeadlineExceeded;
+    EXPECT_TRUE(created.ok() || absl::IsDeadlineExceeded(created.status())) << created.status();
+  }
+  EXPECT_GE(stopped, 4);
+}
+
 TEST(ShadowMasks, CancellationStopsTheWork) {
   const View view = FloorView(200000);
   const auto scene = MaskScene::Create(view.scene);
