@@ -179,8 +179,7 @@ bool CasterBoxes::Compute(std::span<const std::span<const MaskScene::Cluster>> p
   const float widest = plan.face_count == 1 ? kWidestFace : 1.0f;
   size_t first = 0;
   for (const std::span<const MaskScene::Cluster>& part : parts) {
-    ForEachPiece(part.size(), 4096, [&](size_t begin, size_t end) {
-      if (cancellation != nullptr && cancellation->Requested()) return;
+    ForEachPiece(part.size(), 4096, cancellation, [&](size_t begin, size_t end) {
       for (int f = 0; f < plan.face_count; ++f) {
         HWY_DYNAMIC_DISPATCH(BoxesOfClustersImpl)
         (plan.frame, plan.faces[static_cast<size_t>(f)], widest, part.subspan(begin, end - begin), stride_,

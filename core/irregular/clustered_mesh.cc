@@ -1,7 +1,5 @@
 #include "core/irregular/clustered_mesh.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
@@ -47,8 +45,8 @@ std::vector<uint32_t> MortonOrder(const Mesh& mesh) {
   const glm::dvec3 extent = glm::max(bounds.max - bounds.min, glm::dvec3(1e-300));
   const double scale = 2097151.0 / std::max({extent.x, extent.y, extent.z});
   std::vector<MortonKey> keys(mesh.triangles.size());
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, keys.size(), 4096), [&](const auto& range) {
-    for (size_t i = range.begin(); i != range.end(); ++i) {
+  ForEachPiece(keys.size(), 4096, nullptr, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
       const glm::uvec3& t = mesh.triangles[i];
       const glm::dvec3 centre = (glm::dvec3(mesh.positions[t.x]) + glm::dvec3(mesh.positions[t.y]) +
                                  glm::dvec3(mesh.positions[t.z])) /
@@ -108,20 +106,19 @@ ClusteredMesh::Corners ClusteredMesh::CornersOf(const Mesh& mesh, std::span<cons
   // Open addressing: one more than the number of a vertex, or zero.
   constexpr int kSlotBits = 9;
   std::array<uint8_t, 1 << kSlotBits> slots{};
-  static_assert(std::size(result.distinct) < std::numeric_limits<uint8_t>::max());
+  static_assert(std::size(result.positions) < std::numeric_limits<uint8_t>::max());
   const size_t places = BlocksFor(triangles.size()) * kBlock;
   for (size_t i = 0; i < places; ++i) {
     for (int corner = 0; corner < 3; ++corner) {
       const uint32_t position = i < triangles.size() ? mesh.triangles[triangles[i]][corner] : kNoPosition;
       size_t slot = (position * 2654435761u) >> (32 - kSlotBits);
-      while (slots[slot] != 0 && result.distinct[slots[slot] - 1u] != position) {
+      while (slots[slot] != 0 && result.positions[slots[slot] - 1u] != position) {
         slot = (slot + 1) % slots.size();
       }
       if (slots[slot] == 0) {
-        result.distinct[result.distinct_count] = position;
-        slots[slot] = static_cast<uint8_t>(++result.distinct_count);
+        result.positions[result.position_count] = position;
+        slots[slot] = static_cast<uint8_t>(++result.position_count);
       }
-      result.positions[corner][i] = position;
       result.vertices[corner][i] = static_cast<uint8_t>(slots[slot] - 1);
     }
   }
@@ -139,13 +136,13 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* ca
     return std::span(order).subspan(first, std::min(kClusterTriangles, order.size() - first));
   };
   clusters_.resize(CountFor(order.size()));
-  ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
-    if (cancelled()) return;
+  // Corners are found twice rather than kept, which would take a kilobyte a cluster.
+  ForEachPiece(clusters_.size(), kTaskClusters, cancellation, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       Cluster& cluster = clusters_[i];
       cluster.block_count = static_cast<uint16_t>(BlocksFor(triangles_of(i).size()));
       const size_t separate = AllLines(cluster, cutout);
-      cluster.vertex_count = static_cast<uint16_t>(CornersOf(mesh, triangles_of(i)).distinct_count);
+      cluster.vertex_count = static_cast<uint16_t>(CornersOf(mesh, triangles_of(i)).position_count);
       if (AllLines(cluster, cutout) >= separate) cluster.vertex_count = 0;
     }
   });
@@ -156,8 +153,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* ca
     lines += AllLines(cluster, cutout);
   }
   if (!lines_.Reserve(lines * kLineFloats)) return false;
-  ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
-    if (cancelled()) return;
+  ForEachPiece(clusters_.size(), kTaskClusters, cancellation, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
   });
   if (cancelled()) return true;
@@ -186,11 +182,11 @@ void ClusteredMesh::Fill(const Cluster& cluster, const Corners& corners, const M
       }
     }
     ForEachPosition(cluster, lines,
-                    [&](float*, size_t, float* number) { add(corners.distinct[next++], number); });
+                    [&](float*, size_t, float* number) { add(corners.positions[next++], number); });
   } else {
     ForEachPosition(cluster, lines, [&](float*, size_t, float* number) {
       const size_t block = next / (3 * kBlock), corner = next / kBlock % 3;
-      add(corners.positions[corner][block * kBlock + next % kBlock], number);
+      add(corners.positions[corners.vertices[corner][block * kBlock + next % kBlock]], number);
       ++next;
     });
   }
@@ -204,7 +200,7 @@ size_t ClusteredMesh::MostBytes(const Mesh& mesh, bool cutout) {
 }
 
 void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions) {
-  ForEachPiece(clusters_.size(), kTaskClusters, [&](size_t begin, size_t end) {
+  ForEachPiece(clusters_.size(), kTaskClusters, nullptr, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       ForEachPosition(clusters_[i], LinesOf(clusters_[i]), [&](float* p, size_t stride, const float* number) {
         uint32_t id;

@@ -81,10 +81,9 @@ class ClusteredMesh {
  private:
   /// Of a cluster's triangles. Places without one have corners, too: kNoPosition.
   struct Corners {
-    uint32_t positions[3][kClusterTriangles];      ///< Of the mesh, by number.
-    uint8_t vertices[3][kClusterTriangles];        ///< Which of these they are:
-    uint32_t distinct[3 * kClusterTriangles + 1];  ///< Each position once.
-    size_t distinct_count = 0;
+    uint8_t vertices[3][kClusterTriangles];         ///< Which of these they are:
+    uint32_t positions[3 * kClusterTriangles + 1];  ///< The mesh's, by number, each once.
+    size_t position_count = 0;
   };
   static Corners CornersOf(const Mesh& mesh, std::span<const uint32_t> triangles);
   void Fill(const Cluster& cluster, const Corners& corners, const Mesh& mesh);

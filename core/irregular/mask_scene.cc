@@ -21,10 +21,6 @@ bool IsCutout(const Scene& scene, const Mesh& mesh) {
   return scene.materials[static_cast<size_t>(mesh.material)].alpha_texture >= 0;
 }
 
-absl::Status OutOfMemory(size_t triangles) {
-  return absl::ResourceExhaustedError(absl::StrFormat("meshes: no memory for %d triangles", triangles));
-}
-
 }  // namespace
 
 absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellation* cancellation) {
@@ -48,7 +44,8 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellati
     const Mesh& mesh = scene.meshes[i];
     result.meshes_[i].material = static_cast<uint32_t>(mesh.material);
     if (!result.meshes_[i].clustered.Create(mesh, IsCutout(scene, mesh), cancellation)) {
-      return OutOfMemory(mesh.triangles.size());
+      return absl::ResourceExhaustedError(
+          absl::StrFormat("meshes: no memory for %d triangles", mesh.triangles.size()));
     }
     if (absl::Status status = irregular::CancelledStatus(cancellation); !status.ok()) return status;
   }
@@ -59,10 +56,11 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellati
     first_cluster += result.meshes_[mesh].clustered.clusters().size();
   }
   result.clusters_.resize(cluster_count);
-  irregular::ForEachPiece(scene.instances.size(), kTaskInstances, [&](size_t begin, size_t end) {
-    if (cancellation != nullptr && cancellation->Requested()) return;
-    for (size_t i = begin; i < end; ++i) result.PlaceInstance(i, scene.instances[i].world_from_object);
-  });
+  irregular::ForEachPiece(scene.instances.size(), kTaskInstances, cancellation,
+                          [&](size_t begin, size_t end) {
+                            for (size_t i = begin; i < end; ++i)
+                              result.PlaceInstance(i, scene.instances[i].world_from_object);
+                          });
   if (absl::Status status = irregular::CancelledStatus(cancellation); !status.ok()) return status;
   return result;
 }
@@ -102,7 +100,7 @@ void MaskScene::PlaceInstance(size_t instance, const glm::mat4x3& world_from_obj
   data.placed = world_from_object != glm::mat4x3(1.0f);
   const size_t count = ClustersOf(instance).size();
   const std::span<Cluster> clusters = std::span(clusters_).subspan(data.first_cluster, count);
-  irregular::ForEachPiece(count, ClusteredMesh::kTaskClusters, [&](size_t begin, size_t end) {
+  irregular::ForEachPiece(count, ClusteredMesh::kTaskClusters, nullptr, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       clusters[i].instance = static_cast<uint32_t>(instance);
       clusters[i].number = static_cast<uint32_t>(i);

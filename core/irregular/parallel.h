@@ -24,15 +24,18 @@ void ForEach(size_t count, const Cancellation* cancellation, const Body& body) {
       tbb::simple_partitioner());
 }
 
-/// body(begin, end) on pieces of [0, count) that are worth a task.
+/// body(begin, end) on pieces of [0, count) that are worth a task; skips what is left once cancelled.
 template <typename Body>
-void ForEachPiece(size_t count, size_t piece, const Body& body) {
+void ForEachPiece(size_t count, size_t piece, const Cancellation* cancellation, const Body& body) {
+  const auto run = [&](size_t begin, size_t end) {
+    if (cancellation == nullptr || !cancellation->Requested()) body(begin, end);
+  };
   if (count <= piece) {
-    if (count > 0) body(size_t{0}, count);
+    if (count > 0) run(size_t{0}, count);
     return;
   }
   tbb::parallel_for(tbb::blocked_range<size_t>(0, count, piece),
-                    [&](const tbb::blocked_range<size_t>& range) { body(range.begin(), range.end()); });
+                    [&](const tbb::blocked_range<size_t>& range) { run(range.begin(), range.end()); });
 }
 
 inline absl::Status CancelledStatus(const Cancellation* cancellation) {

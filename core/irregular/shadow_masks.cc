@@ -146,12 +146,12 @@ absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& req
     moved_to[moved->instance] = &moved->world_from_object;
   }
   parts.push_back(all.subspan(at));
-  ForEachPiece(moved_clusters.size(), ClusteredMesh::kTaskClusters, [&](size_t begin, size_t end) {
-    if (request.cancellation != nullptr && request.cancellation->Requested()) return;
-    for (MaskScene::Cluster& cluster : std::span(moved_clusters).subspan(begin, end - begin)) {
-      request.scene->Place(*moved_to[cluster.instance], &cluster);
-    }
-  });
+  ForEachPiece(moved_clusters.size(), ClusteredMesh::kTaskClusters, request.cancellation,
+               [&](size_t begin, size_t end) {
+                 for (MaskScene::Cluster& cluster : std::span(moved_clusters).subspan(begin, end - begin)) {
+                   request.scene->Place(*moved_to[cluster.instance], &cluster);
+                 }
+               });
   return CancelledStatus(request.cancellation);
 }
 
