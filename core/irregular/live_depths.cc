@@ -29,6 +29,39 @@ void UpdateImpl(const WalkTask& task, float* farthest) {
   }
 }
 
+/// Of chunks without a live sample deep enough nothing more is read; most others have one in their first few
+/// vectors.
+bool ReachesLiveSamplesImpl(const WalkTask& task, const BoxArrays& boxes, size_t box) {
+  const Face& face = *task.face;
+  const SampleArrays samples = task.samples;
+  const float nearest = boxes.nearest[box];
+  const VF u_min = hn::Set(df, boxes.u_min[box]), u_max = hn::Set(df, boxes.u_max[box]);
+  const VF v_min = hn::Set(df, boxes.v_min[box]), v_max = hn::Set(df, boxes.v_max[box]);
+  const auto in_box = [&](uint32_t s) HWY_ATTR {
+    const VF u = hn::LoadU(df, samples.u + s), v = hn::LoadU(df, samples.v + s);
+    const MF in_plane = hn::And(hn::And(hn::Ge(u, u_min), hn::Le(u, u_max)),  //
+                                hn::And(hn::Ge(v, v_min), hn::Le(v, v_max)));
+    return BitsOf(hn::And(in_plane, hn::Ge(hn::LoadU(df, samples.depth + s), hn::Set(df, nearest))));
+  };
+  const int row_end = std::min(face.RowAt(boxes.v_max[box]).number + 1, task.row_end);
+  for (int i = std::max(face.RowAt(boxes.v_min[box]).number, task.row_begin); i < row_end; ++i) {
+    const Row& row = face.row_of_bin[static_cast<size_t>(face.first_bin_of_row[static_cast<size_t>(i)])];
+    uint32_t s = task.cell_start[face.CellAt(row, boxes.u_min[box])];
+    const uint32_t end = std::min(task.cell_start[face.CellAt(row, boxes.u_max[box]) + 1], task.end_sample);
+    while (s < end) {
+      const uint32_t chunk = s / kSamplesOfDepth;
+      const uint32_t chunk_end = std::min((chunk + 1) * kSamplesOfDepth, end);
+      if (task.farthest_live[chunk] >= nearest) {
+        for (; s < chunk_end; s += kLanes) {
+          if ((in_box(s) & FirstBits(chunk_end - s) & ~BitsAt(task.shadow, s)) != 0) return true;
+        }
+      }
+      s = chunk_end;
+    }
+  }
+  return false;
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace shadowfit::irregular
 HWY_AFTER_NAMESPACE();
@@ -37,6 +70,7 @@ HWY_AFTER_NAMESPACE();
 namespace shadowfit::irregular {
 
 HWY_EXPORT(UpdateImpl);
+HWY_EXPORT(ReachesLiveSamplesImpl);
 
 bool LiveDepths::Reserve(size_t samples) { return farthest_.Reserve(samples / kSamplesOfDepth + 2); }
 
@@ -47,19 +81,7 @@ void LiveDepths::Update(WalkTask* task) {
 }
 
 bool ReachesLiveSamples(const WalkTask& task, const BoxArrays& boxes, size_t box) {
-  const Face& face = *task.face;
-  const float nearest = boxes.nearest[box];
-  const int row_end = std::min(face.RowAt(boxes.v_max[box]).number + 1, task.row_end);
-  for (int i = std::max(face.RowAt(boxes.v_min[box]).number, task.row_begin); i < row_end; ++i) {
-    const Row& row = face.row_of_bin[static_cast<size_t>(face.first_bin_of_row[static_cast<size_t>(i)])];
-    const uint32_t first = task.cell_start[face.CellAt(row, boxes.u_min[box])];
-    const uint32_t end = std::min(task.cell_start[face.CellAt(row, boxes.u_max[box]) + 1], task.end_sample);
-    if (first >= end) continue;
-    for (uint32_t chunk = first / kSamplesOfDepth; chunk <= (end - 1) / kSamplesOfDepth; ++chunk) {
-      if (task.farthest_live[chunk] >= nearest) return true;
-    }
-  }
-  return false;
+  return HWY_DYNAMIC_DISPATCH(ReachesLiveSamplesImpl)(task, boxes, box);
 }
 
 }  // namespace shadowfit::irregular

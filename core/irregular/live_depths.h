@@ -25,8 +25,8 @@ class LiveDepths {
   AlignedBuffer<float> farthest_;
 };
 
-/// Whether any live sample of a box in plane coordinates, which reaches into the task's rows, may lie as deep
-/// as the box's nearest point.
+/// Whether any live sample lies in a box in plane coordinates, as deep as its nearest point at least. The
+/// box reaches into the task's rows. Samples that have died since the last Update() are not live.
 bool ReachesLiveSamples(const WalkTask& task, const BoxArrays& boxes, size_t box);
 
 }  // namespace shadowfit::irregular
