@@ -65,6 +65,16 @@ struct ClusterLanes {
       *reach = hn::MulAdd(hn::Set(df, std::abs(factors[i])), extent[i], *reach);
     }
   }
+
+  /// By how much x - m w differs at most from its value in the middle, where the rows are those of x and w.
+  HWY_INLINE VF ReachAround(VF m, const float x_row[3], const float w_row[3]) const {
+    VF reach = hn::Zero(df);
+    for (int i = 0; i < 3; ++i) {
+      const VF factor = hn::NegMulAdd(m, hn::Set(df, w_row[i]), hn::Set(df, x_row[i]));
+      reach = hn::MulAdd(hn::Abs(factor), extent[i], reach);
+    }
+    return reach;
+  }
 };
 
 struct BoxLanes {
@@ -84,13 +94,16 @@ HWY_INLINE BoxLanes BoxesOf(bool directional, const FaceFrame& frame, float wide
                             const ClusterLanes& clusters) {
   const VF one = hn::Set(df, 1.0f), zero = hn::Zero(df), slack_share = hn::Set(df, kSlack);
   const VF roundoff = hn::Mul(clusters.size, hn::Set(df, kRoundoff));
-  VF least[3], most[3];
+  const auto rounding = [roundoff](VF at, VF reach) HWY_ATTR {
+    return hn::MulAdd(hn::Add(hn::Abs(at), reach), hn::Set(df, 1e-5f), roundoff);
+  };
+  VF middle[3], least[3], most[3];
   for (int row = 0; row < 3; ++row) {
-    VF at, reach;
-    clusters.Range(frame.rotation[row], &at, &reach);
-    const VF slack = hn::MulAdd(hn::Add(hn::Abs(at), reach), hn::Set(df, 1e-5f), roundoff);
-    least[row] = hn::Sub(hn::Sub(at, reach), slack);
-    most[row] = hn::Add(hn::Add(at, reach), slack);
+    VF reach;
+    clusters.Range(frame.rotation[row], &middle[row], &reach);
+    const VF slack = rounding(middle[row], reach);
+    least[row] = hn::Sub(hn::Sub(middle[row], reach), slack);
+    most[row] = hn::Add(hn::Add(middle[row], reach), slack);
   }
   VF u[2] = {least[0], most[0]}, v[2] = {least[1], most[1]};
   VF nearest = least[2];
@@ -114,9 +127,19 @@ HWY_INLINE BoxLanes BoxesOf(bool directional, const FaceFrame& frame, float wide
     }
     all = hn::Or(all, hn::Not(hn::Gt(least[2], hn::Mul(most[2], hn::Set(df, 1e-3f)))));
     const VF inverse_least = hn::Div(one, least[2]), inverse_most = hn::Div(one, most[2]);
-    for (VF* x : {u, v}) {
+    // x/w lies between the quotients of the ranges of x and w; and with m its value in the middle, x/w - m is
+    // (x - m w)/w, where the numerator's range is exact. That is the sharper one unless w varies much.
+    VF* const plane[2] = {u, v};
+    for (int row = 0; row < 2; ++row) {
+      VF* const x = plane[row];
       x[0] = hn::Mul(x[0], hn::IfThenElse(hn::Lt(x[0], zero), inverse_least, inverse_most));
       x[1] = hn::Mul(x[1], hn::IfThenElse(hn::Gt(x[1], zero), inverse_least, inverse_most));
+      const VF m = hn::Div(middle[row], middle[2]);
+      const VF reach = clusters.ReachAround(m, frame.rotation[row], frame.rotation[2]);
+      const VF slack = hn::MulAdd(hn::Abs(m), roundoff, rounding(middle[row], reach));
+      const VF half = hn::Mul(hn::Add(reach, slack), inverse_least);
+      x[0] = hn::Max(x[0], hn::Sub(m, half));
+      x[1] = hn::Min(x[1], hn::Add(m, half));
     }
     nearest = hn::Neg(inverse_least);
   }
