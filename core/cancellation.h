@@ -3,6 +3,10 @@
 #include <atomic>
 #include <chrono>
 
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
 namespace shadowfit {
 
 /// Asked inside long computations: has the caller gone, or is its deadline past? Set from any thread.
@@ -22,5 +26,15 @@ class Cancellation {
   std::atomic<bool> cancelled_{false};
   Clock::time_point deadline_ = Clock::time_point::max();
 };
+
+/// OK as long as `cancellation` (may be null) does not ask. Then Cancelled or DeadlineExceeded, with a
+/// message that says during what.
+inline absl::Status CancellationStatus(const Cancellation* cancellation, absl::string_view during) {
+  if (cancellation == nullptr || !cancellation->Requested()) return absl::OkStatus();
+  if (cancellation->DeadlinePassed()) {
+    return absl::DeadlineExceededError(absl::StrCat("the deadline passed during ", during));
+  }
+  return absl::CancelledError(absl::StrCat("the caller cancelled during ", during));
+}
 
 }  // namespace shadowfit

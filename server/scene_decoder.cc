@@ -1,5 +1,8 @@
 #include "server/scene_decoder.h"
 
+#include <google/protobuf/io/zero_copy_stream_impl_lite.h>
+
+#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <limits>
@@ -9,6 +12,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "shadowfit/v1/scene.pb.h"
 
 namespace shadowfit {
 namespace {
@@ -22,6 +26,32 @@ absl::Status FieldError(const std::string& path, const std::string& what) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": ", what));
 }
 
+constexpr char kDecoding[] = "the decoding of a scene";
+/// Between two looks at the cancellation.
+constexpr int kBytesOfPoll = 1 << 20;
+constexpr int kElementsOfPoll = 1 << 10;
+
+/// What is left of the bytes seems to be missing once cancelled.
+class CancellableStream : public google::protobuf::io::ArrayInputStream {
+ public:
+  CancellableStream(const std::string& bytes, const Cancellation* cancellation)
+      : ArrayInputStream(bytes.data(), static_cast<int>(bytes.size()), kBytesOfPoll),
+        cancellation_(cancellation) {}
+
+  bool Next(const void** data, int* size) override {
+    return (cancellation_ == nullptr || !cancellation_->Requested()) && ArrayInputStream::Next(data, size);
+  }
+
+ private:
+  const Cancellation* const cancellation_;
+};
+
+/// What messages refer to.
+struct Decoding {
+  const v1::SceneData& data;
+  const Cancellation* cancellation;
+};
+
 /// Indices are int in core.
 absl::Status CheckIndex(uint32_t index, int count, const std::string& path) {
   if (index < static_cast<uint32_t>(count)) return absl::OkStatus();
@@ -30,36 +60,42 @@ absl::Status CheckIndex(uint32_t index, int count, const std::string& path) {
 
 template <typename T>
 absl::Status DecodeArray(const std::string& bytes, uint32_t count, const std::string& path,
-                         std::string_view counted, std::vector<T>* out) {
+                         std::string_view counted, const Decoding& decoding, std::vector<T>* out) {
   const uint64_t expected = uint64_t{count} * sizeof(T);
   if (bytes.size() != expected) {
     return FieldError(path, absl::StrFormat("%d bytes, %d %s of %d bytes are %d", bytes.size(), count,
                                             std::string(counted), sizeof(T), expected));
   }
-  out->resize(count);
-  if (count > 0) std::memcpy(out->data(), bytes.data(), bytes.size());
+  out->reserve(count);
+  while (out->size() < count) {
+    if (absl::Status status = CancellationStatus(decoding.cancellation, kDecoding); !status.ok())
+      return status;
+    const size_t begin = out->size(), end = std::min<size_t>(count, begin + kBytesOfPoll / sizeof(T));
+    out->resize(end);
+    std::memcpy(out->data() + begin, bytes.data() + begin * sizeof(T), (end - begin) * sizeof(T));
+  }
   return absl::OkStatus();
 }
 
-absl::Status DecodeMesh(const v1::Mesh& mesh, const v1::SceneData& data, const std::string& path, Mesh* out) {
-  absl::Status status = CheckIndex(mesh.material(), data.materials_size(), path + ".material");
+absl::Status DecodeMesh(const v1::Mesh& mesh, const Decoding& decoding, const std::string& path, Mesh* out) {
+  absl::Status status = CheckIndex(mesh.material(), decoding.data.materials_size(), path + ".material");
   status.Update(DecodeArray(mesh.triangles(), mesh.triangle_count(), path + ".triangles", "triangles",
-                            &out->triangles));
-  status.Update(
-      DecodeArray(mesh.positions(), mesh.vertex_count(), path + ".positions", "vertices", &out->positions));
+                            decoding, &out->triangles));
+  status.Update(DecodeArray(mesh.positions(), mesh.vertex_count(), path + ".positions", "vertices", decoding,
+                            &out->positions));
   if (!mesh.texture_coordinates().empty()) {
     status.Update(DecodeArray(mesh.texture_coordinates(), mesh.vertex_count(), path + ".texture_coordinates",
-                              "vertices", &out->uvs));
+                              "vertices", decoding, &out->uvs));
   }
   out->material = static_cast<int>(mesh.material());
   return status;
 }
 
-absl::Status DecodeMaterial(const v1::Material& material, const v1::SceneData& data, const std::string& path,
+absl::Status DecodeMaterial(const v1::Material& material, const Decoding& decoding, const std::string& path,
                             Material* out) {
   if (material.has_alpha_texture()) {
     absl::Status status =
-        CheckIndex(material.alpha_texture(), data.alpha_textures_size(), path + ".alpha_texture");
+        CheckIndex(material.alpha_texture(), decoding.data.alpha_textures_size(), path + ".alpha_texture");
     if (!status.ok()) return status;
     out->alpha_texture = static_cast<int>(material.alpha_texture());
   }
@@ -73,7 +109,8 @@ absl::Status DecodeMaterial(const v1::Material& material, const v1::SceneData& d
   return absl::OkStatus();
 }
 
-absl::Status DecodeTexture(const v1::AlphaTexture& texture, const std::string& path, AlphaTexture* out) {
+absl::Status DecodeTexture(const v1::AlphaTexture& texture, const Decoding& decoding, const std::string& path,
+                           AlphaTexture* out) {
   for (const auto& [value, name] :
        {std::pair(texture.width(), ".width"), std::pair(texture.height(), ".height")}) {
     if (value < 1 || value > kMaxTextureSide) {
@@ -82,13 +119,14 @@ absl::Status DecodeTexture(const v1::AlphaTexture& texture, const std::string& p
   }
   out->width = static_cast<int>(texture.width());
   out->height = static_cast<int>(texture.height());
-  return DecodeArray(texture.alpha(), texture.width() * texture.height(), path + ".alpha", "texels",
+  return DecodeArray(texture.alpha(), texture.width() * texture.height(), path + ".alpha", "texels", decoding,
                      &out->alpha);
 }
 
-absl::Status DecodeInstance(const v1::Instance& instance, const v1::SceneData& data, const std::string& path,
+absl::Status DecodeInstance(const v1::Instance& instance, const Decoding& decoding, const std::string& path,
                             Instance* out) {
-  if (absl::Status status = CheckIndex(instance.mesh(), data.meshes_size(), path + ".mesh"); !status.ok()) {
+  if (absl::Status status = CheckIndex(instance.mesh(), decoding.data.meshes_size(), path + ".mesh");
+      !status.ok()) {
     return status;
   }
   out->mesh = static_cast<int>(instance.mesh());
@@ -106,36 +144,32 @@ absl::Status DecodeTransform(const google::protobuf::RepeatedField<float>& numbe
   return absl::OkStatus();
 }
 
-absl::StatusOr<Scene> DecodeScene(const v1::SceneData& data) {
+absl::StatusOr<Scene> DecodeScene(std::string bytes, const Cancellation* cancellation) {
+  v1::SceneData data;
+  CancellableStream stream(bytes, cancellation);
+  const bool parsed = data.ParseFromZeroCopyStream(&stream);
+  if (absl::Status status = CancellationStatus(cancellation, kDecoding); !status.ok()) return status;
+  if (!parsed) return FieldError("data", "not a serialized SceneData");
+  bytes = {};
   Scene scene;
-  const auto decode_all = [](const auto& wire, auto* out, const char* name, const auto& decode) {
+  const Decoding decoding = {data, cancellation};
+  const auto decode_all = [&decoding](const auto& wire, auto* out, const char* name, const auto& decode) {
     out->resize(static_cast<size_t>(wire.size()));
     for (int i = 0; i < wire.size(); ++i) {
-      absl::Status status =
-          decode(wire[i], absl::StrFormat("%s[%d]", name, i), &(*out)[static_cast<size_t>(i)]);
+      absl::Status status;
+      if (i % kElementsOfPoll == 0) status = CancellationStatus(decoding.cancellation, kDecoding);
+      status.Update(
+          decode(wire[i], decoding, absl::StrFormat("%s[%d]", name, i), &(*out)[static_cast<size_t>(i)]));
       if (!status.ok()) return status;
     }
     return absl::OkStatus();
   };
-  absl::Status status = decode_all(data.materials(), &scene.materials, "materials",
-                                   [&](const auto& wire, const std::string& path, Material* out) {
-                                     return DecodeMaterial(wire, data, path, out);
-                                   });
+  absl::Status status = decode_all(data.materials(), &scene.materials, "materials", DecodeMaterial);
   if (status.ok()) {
     status = decode_all(data.alpha_textures(), &scene.alpha_textures, "alpha_textures", DecodeTexture);
   }
-  if (status.ok()) {
-    status = decode_all(data.meshes(), &scene.meshes, "meshes",
-                        [&](const auto& wire, const std::string& path, Mesh* out) {
-                          return DecodeMesh(wire, data, path, out);
-                        });
-  }
-  if (status.ok()) {
-    status = decode_all(data.instances(), &scene.instances, "instances",
-                        [&](const auto& wire, const std::string& path, Instance* out) {
-                          return DecodeInstance(wire, data, path, out);
-                        });
-  }
+  if (status.ok()) status = decode_all(data.meshes(), &scene.meshes, "meshes", DecodeMesh);
+  if (status.ok()) status = decode_all(data.instances(), &scene.instances, "instances", DecodeInstance);
   if (!status.ok()) return status;
   return scene;
 }

@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_format.h"
 #include "server/errors.h"
+#include "server/scene_digest.h"
 #include "server/scene_encoding.h"
 #include "server/scene_upload.h"
 

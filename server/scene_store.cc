@@ -1,26 +1,12 @@
 #include "server/scene_store.h"
 
-#include <openssl/sha.h>
-
 #include <algorithm>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_format.h"
 #include "server/errors.h"
+#include "server/scene_digest.h"
 
 namespace shadowfit {
-
-bool IsSceneDigest(std::string_view digest) {
-  return digest.size() == 2 * SHA256_DIGEST_LENGTH && std::all_of(digest.begin(), digest.end(), [](char c) {
-           return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
-         });
-}
-
-std::string SceneDigest(std::string_view data) {
-  unsigned char hash[SHA256_DIGEST_LENGTH];
-  SHA256(reinterpret_cast<const unsigned char*>(data.data()), data.size(), hash);
-  return absl::BytesToHexString(absl::string_view(reinterpret_cast<const char*>(hash), sizeof(hash)));
-}
 
 SceneStore::Handle SceneStore::Find(const std::string& digest) {
   const std::lock_guard lock(mutex_);

@@ -6,7 +6,6 @@
 #include <memory>
 #include <mutex>
 #include <string>
-#include <string_view>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -15,11 +14,6 @@
 #include "core/irregular/mask_scene.h"
 
 namespace shadowfit {
-
-/// Whether this is a digest: 64 lower-case hexadecimal digits.
-bool IsSceneDigest(std::string_view digest);
-/// SHA-256 of `data` in that form.
-std::string SceneDigest(std::string_view data);
 
 /// The scenes that the service keeps, by digest, in a bounded amount of memory. Thread-safe.
 ///

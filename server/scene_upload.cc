@@ -10,6 +10,7 @@
 #include "server/errors.h"
 #include "server/request_deadline.h"
 #include "server/scene_decoder.h"
+#include "server/scene_digest.h"
 #include "server/scene_encoding.h"
 
 namespace shadowfit {
@@ -108,33 +109,18 @@ void SceneUpload::Store() {
 }
 
 absl::Status SceneUpload::TryStore() {
-  const auto check = [this] {
-    if (!cancellation_.Requested()) return absl::OkStatus();
-    return cancellation_.DeadlinePassed()
-               ? absl::DeadlineExceededError("the deadline passed during the upload")
-               : absl::CancelledError("the caller cancelled the upload");
-  };
-  if (absl::Status status = check(); !status.ok()) return status;
-  if (const std::string digest = SceneDigest(bytes_); digest != digest_) {
+  const std::string digest = SceneDigest(bytes_, &cancellation_);
+  if (absl::Status status = CancellationStatus(&cancellation_, "the upload"); !status.ok()) return status;
+  if (digest != digest_) {
     return FieldError("digest", absl::StrFormat("%s, but the bytes have %s", digest_, digest));
   }
-  Scene scene;
-  {
-    v1::SceneData data;
-    if (!data.ParseFromString(bytes_)) return FieldError("data", "not a serialized SceneData");
-    bytes_ = {};
-    if (absl::Status status = check(); !status.ok()) return status;
-    absl::StatusOr<Scene> decoded = DecodeScene(data);
-    if (!decoded.ok()) return decoded.status();
-    scene = *std::move(decoded);
-  }
+  absl::StatusOr<Scene> scene = DecodeScene(std::exchange(bytes_, {}), &cancellation_);
+  if (!scene.ok()) return scene.status();
+  if (absl::Status status = Validate(*scene, &cancellation_); !status.ok()) return status;
   // Few bytes can describe very many triangles, each mesh placed many times: room first, then memory.
-  if (absl::Status status = Validate(scene); !status.ok()) return status;
-  absl::StatusOr<SceneStore::Room> room = context_.scenes.TakeRoom(MaskScene::MostBytes(scene));
+  absl::StatusOr<SceneStore::Room> room = context_.scenes.TakeRoom(MaskScene::MostBytes(*scene));
   if (!room.ok()) return room.status();
-  if (absl::Status status = check(); !status.ok()) return status;
-  absl::StatusOr<MaskScene> mask_scene = MaskScene::Create(scene, &cancellation_);
-  if (absl::Status status = check(); !status.ok()) return status;
+  absl::StatusOr<MaskScene> mask_scene = MaskScene::Create(*scene, &cancellation_);
   if (!mask_scene.ok()) return mask_scene.status();
   room->ShrinkTo(mask_scene->MemoryBytes());
   const SceneStore::Handle stored = context_.scenes.Insert(digest_, *std::move(mask_scene), *std::move(room));

@@ -214,12 +214,10 @@ class StreamReactor final : public grpc::ServerBidiReactor<Request, Response>,
   }
 
   absl::Status ComputeAnswer(Slot& slot, double queue_seconds) {
-    if (slot.cancellation->Requested()) {  // Work that nobody waits for any more is not begun.
-      return slot.cancellation->DeadlinePassed()
-                 ? absl::DeadlineExceededError(
-                       absl::StrCat("the deadline passed while the request waited for ", queue_seconds, " s"))
-                 : absl::CancelledError("the caller cancelled the request");
-    }
+    // Work that nobody waits for any more is not begun.
+    absl::Status status =
+        CancellationStatus(&*slot.cancellation, absl::StrCat(queue_seconds, " s in the queue"));
+    if (!status.ok()) return status;
     try {
       slot.response.set_frame_id(slot.request.frame().frame_id());
       return work_(slot.request, {*slot.cancellation, queue_seconds}, &slot.response);

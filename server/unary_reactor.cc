@@ -45,12 +45,9 @@ void UnaryReactor::Run() {
 }
 
 absl::Status UnaryReactor::RunWork(double queue_seconds) {
-  if (cancellation_.Requested()) {  // Work that nobody waits for any more is not begun.
-    return cancellation_.DeadlinePassed()
-               ? absl::DeadlineExceededError(
-                     absl::StrCat("the deadline passed while the request waited for ", queue_seconds, " s"))
-               : absl::CancelledError("the caller cancelled the request");
-  }
+  // Work that nobody waits for any more is not begun.
+  absl::Status status = CancellationStatus(&cancellation_, absl::StrCat(queue_seconds, " s in the queue"));
+  if (!status.ok()) return status;
   try {
     return work_({cancellation_, queue_seconds});
   } catch (const std::exception& error) {  // Out of memory, from a library: this request's misfortune alone.

@@ -113,18 +113,14 @@ absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray
   return absl::OkStatus();
 }
 
+constexpr char kComputation[] = "the computation";
+
 absl::Status CheckKnobs(const DefaultOptions& options) {
   if (options.keep_within == 0.0 || (std::isfinite(options.keep_within) && options.keep_within >= 1.0)) {
     return absl::OkStatus();
   }
   return Invalid(
       absl::StrFormat("options.keep_within: %g, must be 0, or finite and at least 1", options.keep_within));
-}
-
-absl::Status CancelledStatus(const Cancellation& cancellation) {
-  return cancellation.DeadlinePassed()
-             ? absl::DeadlineExceededError("the deadline passed during the computation")
-             : absl::CancelledError("the caller cancelled the request");
 }
 
 /// World-space corners of the part of the view frustum that holds visible surfaces, with their homogeneous
@@ -151,7 +147,7 @@ absl::Status FindBiases(const Camera& camera, const FrameRequest& request, MapSi
   options.screen = screen;
   const SurfaceSamples surface = SamplesFromDepth(camera, request.depth, options.max_samples);
   for (size_t i = 0; i < summary->lights.size(); ++i) {
-    if (cancellation.Requested()) return CancelledStatus(cancellation);
+    if (absl::Status status = CancellationStatus(&cancellation, kComputation); !status.ok()) return status;
     std::vector<LightMap*> maps = {&summary->lights[i]};
     for (LightMap& map : summary->lights[i].further_maps) maps.push_back(&map);
     for (LightMap* map : maps) {
@@ -237,7 +233,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   std::vector<SizedLight> fits(request.lights.size());
   summary->lights.resize(request.lights.size());
   const auto fit_light = [&](size_t i) -> absl::Status {
-    if (cancellation.Requested()) return CancelledStatus(cancellation);
+    if (absl::Status status = CancellationStatus(&cancellation, kComputation); !status.ok()) return status;
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightRequest& light = request.lights[i];
     LightSummary& result = summary->lights[i];
@@ -262,7 +258,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
       }
     }
     absl::StatusOr<LightFit> fit = method->Fit(problem);
-    if (cancellation.Requested()) return CancelledStatus(cancellation);
+    if (absl::Status status = CancellationStatus(&cancellation, kComputation); !status.ok()) return status;
     if (!fit.ok()) return Within(absl::StrFormat("lights[%d]", i), fit.status());
     fits[i].fit = *std::move(fit);
     fits[i].weight = light.weight;
@@ -273,7 +269,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   if (absl::Status status = SizeMaps(options.sizing, *method, request.bits.has_value(), fits); !status.ok()) {
     return status;
   }
-  if (cancellation.Requested()) return CancelledStatus(cancellation);
+  if (absl::Status status = CancellationStatus(&cancellation, kComputation); !status.ok()) return status;
 
   const auto describe_light = [&](size_t i) -> absl::Status {
     const SteadyClock::time_point light_start = SteadyClock::now();

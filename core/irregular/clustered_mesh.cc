@@ -39,13 +39,43 @@ struct MortonKey {
   }
 };
 
-std::vector<uint32_t> MortonOrder(const Mesh& mesh) {
+/// Comparisons between two looks at the cancellation, and elements that are worth a task.
+constexpr uint32_t kComparisonsOfPoll = 1 << 16;
+constexpr size_t kTaskElements = 1 << 15;
+
+/// An exception is the only way out of a sort.
+struct SortCancelled {};
+
+/// Throws SortCancelled.
+void Sort(const Cancellation* cancellation, std::span<MortonKey> keys) {
+  tbb::parallel_sort(keys.begin(), keys.end(), [cancellation](const MortonKey& a, const MortonKey& b) {
+    static thread_local uint32_t comparisons = 0;
+    if (++comparisons % kComparisonsOfPoll == 0 && cancellation != nullptr && cancellation->Requested()) {
+      throw SortCancelled();
+    }
+    return a < b;
+  });
+}
+
+/// Not complete once cancelled.
+Bounds BoundsOf(const Mesh& mesh, const Cancellation* cancellation) {
   Bounds bounds;
-  for (const glm::vec3& p : mesh.positions) bounds.Add(glm::dvec3(p));
+  for (size_t i = 0; i < mesh.positions.size(); ++i) {
+    if (i % kTaskElements == 0 && cancellation != nullptr && cancellation->Requested()) break;
+    bounds.Add(glm::dvec3(mesh.positions[i]));
+  }
+  return bounds;
+}
+
+/// False where memory runs out. No order at all once cancelled.
+bool MortonOrder(const Mesh& mesh, const Cancellation* cancellation, AlignedBuffer<uint32_t>* order) {
+  const size_t count = mesh.triangles.size();
+  AlignedBuffer<MortonKey> keys;
+  if (!keys.Reserve(count) || !order->Reserve(count)) return false;
+  const Bounds bounds = BoundsOf(mesh, cancellation);
   const glm::dvec3 extent = glm::max(bounds.max - bounds.min, glm::dvec3(1e-300));
   const double scale = 2097151.0 / std::max({extent.x, extent.y, extent.z});
-  std::vector<MortonKey> keys(mesh.triangles.size());
-  ForEachPiece(keys.size(), 4096, nullptr, [&](size_t begin, size_t end) {
+  ForEachPiece(count, kTaskElements, cancellation, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       const glm::uvec3& t = mesh.triangles[i];
       const glm::dvec3 centre = (glm::dvec3(mesh.positions[t.x]) + glm::dvec3(mesh.positions[t.y]) +
@@ -58,10 +88,15 @@ std::vector<uint32_t> MortonOrder(const Mesh& mesh) {
       keys[i].triangle = static_cast<uint32_t>(i);
     }
   });
-  tbb::parallel_sort(keys.begin(), keys.end());
-  std::vector<uint32_t> order(keys.size());
-  for (size_t i = 0; i < keys.size(); ++i) order[i] = keys[i].triangle;
-  return order;
+  try {
+    Sort(cancellation, {keys.data(), count});
+  } catch (const SortCancelled&) {
+    return true;
+  }
+  ForEachPiece(count, kTaskElements, cancellation, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) (*order)[i] = keys[i].triangle;
+  });
+  return true;
 }
 
 /// Calls visit(position, number of the mesh's position) for all corners, or vertices, of a cluster.
@@ -129,11 +164,13 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* ca
   cutout_ = cutout;
   position_count_ = mesh.positions.size();
   const auto cancelled = [cancellation] { return cancellation != nullptr && cancellation->Requested(); };
-  const std::vector<uint32_t> order = MortonOrder(mesh);
+  AlignedBuffer<uint32_t> sorted;
+  if (!MortonOrder(mesh, cancellation, &sorted)) return false;
   if (cancelled()) return true;
-  const auto triangles_of = [&order](size_t cluster) {
+  const std::span<const uint32_t> order(sorted.data(), mesh.triangles.size());
+  const auto triangles_of = [order](size_t cluster) {
     const size_t first = cluster * kClusterTriangles;
-    return std::span(order).subspan(first, std::min(kClusterTriangles, order.size() - first));
+    return order.subspan(first, std::min(kClusterTriangles, order.size() - first));
   };
   clusters_.resize(CountFor(order.size()));
   // Corners are found twice rather than kept, which would take a kilobyte a cluster.
@@ -157,7 +194,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* ca
     for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
   });
   if (cancelled()) return true;
-  SetPositions(mesh.positions);
+  SetPositions(mesh.positions, cancellation);
   return true;
 }
 
@@ -199,8 +236,8 @@ size_t ClusteredMesh::MostBytes(const Mesh& mesh, bool cutout) {
          (sizeof(Cluster) + AllLines(whole, cutout) * kLineFloats * sizeof(float));
 }
 
-void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions) {
-  ForEachPiece(clusters_.size(), kTaskClusters, nullptr, [&](size_t begin, size_t end) {
+void ClusteredMesh::SetPositions(std::span<const glm::vec3> positions, const Cancellation* cancellation) {
+  ForEachPiece(clusters_.size(), kTaskClusters, cancellation, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       ForEachPosition(clusters_[i], LinesOf(clusters_[i]), [&](float* p, size_t stride, const float* number) {
         uint32_t id;

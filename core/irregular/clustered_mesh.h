@@ -61,8 +61,8 @@ class ClusteredMesh {
   /// At least MemoryBytes() of what Create() would make.
   static size_t MostBytes(const Mesh& mesh, bool cutout);
 
-  /// Moves the vertices: as many positions as the mesh has.
-  void SetPositions(std::span<const glm::vec3> positions);
+  /// Moves the vertices: as many positions as the mesh has. Incomplete once `cancellation` asks.
+  void SetPositions(std::span<const glm::vec3> positions, const Cancellation* cancellation = nullptr);
 
   size_t position_count() const { return position_count_; }
   const std::vector<Cluster>& clusters() const { return clusters_; }

@@ -14,6 +14,7 @@ using irregular::ClusteredMesh;
 
 /// Instances that are worth a task; those of many triangles are several.
 constexpr size_t kTaskInstances = 64;
+constexpr char kPreparation[] = "the preparation of a scene";
 
 bool IsFinite(const glm::vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
@@ -24,7 +25,7 @@ bool IsCutout(const Scene& scene, const Mesh& mesh) {
 }  // namespace
 
 absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellation* cancellation) {
-  if (absl::Status status = Validate(scene); !status.ok()) return status;
+  if (absl::Status status = Validate(scene, cancellation); !status.ok()) return status;
   size_t cluster_count = 0;
   for (const Instance& instance : scene.instances) {
     cluster_count +=
@@ -47,7 +48,7 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellati
       return absl::ResourceExhaustedError(
           absl::StrFormat("meshes: no memory for %d triangles", mesh.triangles.size()));
     }
-    if (absl::Status status = irregular::CancelledStatus(cancellation); !status.ok()) return status;
+    if (absl::Status status = CancellationStatus(cancellation, kPreparation); !status.ok()) return status;
   }
   size_t first_cluster = 0;
   for (const Instance& instance : scene.instances) {
@@ -59,9 +60,9 @@ absl::StatusOr<MaskScene> MaskScene::Create(const Scene& scene, const Cancellati
   irregular::ForEachPiece(scene.instances.size(), kTaskInstances, cancellation,
                           [&](size_t begin, size_t end) {
                             for (size_t i = begin; i < end; ++i)
-                              result.PlaceInstance(i, scene.instances[i].world_from_object);
+                              result.PlaceInstance(i, scene.instances[i].world_from_object, cancellation);
                           });
-  if (absl::Status status = irregular::CancelledStatus(cancellation); !status.ok()) return status;
+  if (absl::Status status = CancellationStatus(cancellation, kPreparation); !status.ok()) return status;
   return result;
 }
 
@@ -94,13 +95,14 @@ void MaskScene::Place(const glm::mat4x3& world_from_object, Cluster* cluster) co
   mesh.BoundCluster(mesh.clusters()[cluster->number], world_from_object, &cluster->ws_min, &cluster->ws_max);
 }
 
-void MaskScene::PlaceInstance(size_t instance, const glm::mat4x3& world_from_object) {
+void MaskScene::PlaceInstance(size_t instance, const glm::mat4x3& world_from_object,
+                              const Cancellation* cancellation) {
   InstanceData& data = instances_[instance];
   data.world_from_object = world_from_object;
   data.placed = world_from_object != glm::mat4x3(1.0f);
   const size_t count = ClustersOf(instance).size();
   const std::span<Cluster> clusters = std::span(clusters_).subspan(data.first_cluster, count);
-  irregular::ForEachPiece(count, ClusteredMesh::kTaskClusters, nullptr, [&](size_t begin, size_t end) {
+  irregular::ForEachPiece(count, ClusteredMesh::kTaskClusters, cancellation, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       clusters[i].instance = static_cast<uint32_t>(instance);
       clusters[i].number = static_cast<uint32_t>(i);
@@ -120,7 +122,7 @@ absl::Status MaskScene::SetInstanceTransform(size_t instance, const glm::mat4x3&
           absl::StrFormat("world_from_object[%d] of instance %d: not finite", column, instance));
     }
   }
-  PlaceInstance(instance, world_from_object);
+  PlaceInstance(instance, world_from_object, nullptr);
   return absl::OkStatus();
 }
 
@@ -140,7 +142,7 @@ absl::Status MaskScene::SetMeshPositions(size_t mesh, std::span<const glm::vec3>
   meshes_[mesh].clustered.SetPositions(positions);
   for (size_t instance = 0; instance < instances_.size(); ++instance) {
     const InstanceData& data = instances_[instance];
-    if (data.mesh == mesh) PlaceInstance(instance, data.world_from_object);
+    if (data.mesh == mesh) PlaceInstance(instance, data.world_from_object, nullptr);
   }
   return absl::OkStatus();
 }

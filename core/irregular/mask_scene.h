@@ -27,7 +27,7 @@ class MaskScene {
 
   /// InvalidArgument where Validate() refuses the scene, ResourceExhausted above kMaxClusters. A scene
   /// without triangles is allowed and casts no shadow. Takes its own copy of what it needs. Cancelled or
-  /// DeadlineExceeded once `cancellation` (may be null) asks; sorting a mesh's triangles is not interrupted.
+  /// DeadlineExceeded once `cancellation` (may be null) asks.
   static absl::StatusOr<MaskScene> Create(const Scene& scene, const Cancellation* cancellation = nullptr);
 
   /// At least MemoryBytes() of what Create() would make of a scene that passes Validate(): what triangles
@@ -82,7 +82,8 @@ class MaskScene {
     bool placed = false;  ///< By a matrix that is not the identity.
   };
 
-  void PlaceInstance(size_t instance, const glm::mat4x3& world_from_object);
+  /// Incomplete once `cancellation` (may be null) asks.
+  void PlaceInstance(size_t instance, const glm::mat4x3& world_from_object, const Cancellation* cancellation);
 
   std::vector<Material> materials_;
   std::vector<AlphaTexture> alpha_textures_;

@@ -5,7 +5,6 @@
 
 #include <cstddef>
 
-#include "absl/status/status.h"
 #include "core/cancellation.h"
 
 namespace shadowfit::irregular {
@@ -36,12 +35,6 @@ void ForEachPiece(size_t count, size_t piece, const Cancellation* cancellation, 
   }
   tbb::parallel_for(tbb::blocked_range<size_t>(0, count, piece),
                     [&](const tbb::blocked_range<size_t>& range) { run(range.begin(), range.end()); });
-}
-
-inline absl::Status CancelledStatus(const Cancellation* cancellation) {
-  if (cancellation == nullptr || !cancellation->Requested()) return absl::OkStatus();
-  if (cancellation->DeadlinePassed()) return absl::DeadlineExceededError("masks: the deadline has passed");
-  return absl::CancelledError("masks: cancelled");
 }
 
 }  // namespace shadowfit::irregular

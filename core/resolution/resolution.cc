@@ -725,11 +725,7 @@ absl::Status ResolutionEstimator::Estimate(const ResolutionRequest& request, con
       light.recommended.height = std::max(light.recommended.height, map.recommended.height);
     }
   }
-  if (cancellation.Requested()) {
-    return cancellation.DeadlinePassed()
-               ? absl::DeadlineExceededError("the deadline passed during the estimate")
-               : absl::CancelledError("the estimate was cancelled");
-  }
+  if (absl::Status status = CancellationStatus(&cancellation, "the estimate"); !status.ok()) return status;
   summary->tiles = static_cast<int>(work.bounds.size());
   summary->settled_tiles = work.settled;
   summary->visited_share = static_cast<double>(work.visits) /

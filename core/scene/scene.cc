@@ -15,6 +15,21 @@ int RepeatedTexel(float coordinate, int size) {
 
 bool IsFinite(const glm::vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
+/// Elements between two looks at the cancellation.
+constexpr size_t kElementsOfPoll = size_t{1} << 16;
+
+/// check(i) for all i < count, up to the first that is not OK.
+template <typename Check>
+absl::Status CheckAll(size_t count, const Cancellation* cancellation, const Check& check) {
+  for (size_t begin = 0; begin < count; begin += kElementsOfPoll) {
+    absl::Status status = CancellationStatus(cancellation, "the validation of a scene");
+    const size_t end = std::min(count, begin + kElementsOfPoll);
+    for (size_t i = begin; i < end && status.ok(); ++i) status = check(i);
+    if (!status.ok()) return status;
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Invalid(const std::string& message) { return absl::InvalidArgumentError(message); }
 
 absl::Status ValidateMaterial(const Scene& scene, size_t i) {
@@ -40,34 +55,34 @@ absl::Status ValidateMaterial(const Scene& scene, size_t i) {
 
 template <typename Texture>
 absl::Status ValidateTexture(const Texture& texture, const std::vector<uint8_t>& bytes, int channels,
-                             const std::string& name) {
+                             const char* list, size_t i) {
   if (texture.width <= 0 || texture.height <= 0) {
     return Invalid(
-        absl::StrFormat("%s: size %dx%d, both must be positive", name, texture.width, texture.height));
+        absl::StrFormat("%s[%d]: size %dx%d, both must be positive", list, i, texture.width, texture.height));
   }
   const size_t expected = static_cast<size_t>(texture.width) * static_cast<size_t>(texture.height) *
                           static_cast<size_t>(channels);
   if (bytes.size() != expected) {
-    return Invalid(absl::StrFormat("%s: %d bytes, %dx%d needs %d", name, bytes.size(), texture.width,
+    return Invalid(absl::StrFormat("%s[%d]: %d bytes, %dx%d needs %d", list, i, bytes.size(), texture.width,
                                    texture.height, expected));
   }
   return absl::OkStatus();
 }
 
-absl::Status ValidateMesh(const Scene& scene, size_t i) {
+absl::Status ValidateMesh(const Scene& scene, size_t i, const Cancellation* cancellation) {
   const Mesh& mesh = scene.meshes[i];
   if (mesh.material < 0 || mesh.material >= static_cast<int>(scene.materials.size())) {
     return Invalid(absl::StrFormat("meshes[%d].material: %d, but there are %d materials", i, mesh.material,
                                    scene.materials.size()));
   }
   if (mesh.triangles.empty()) return Invalid(absl::StrFormat("meshes[%d].triangles: empty", i));
-  for (size_t v = 0; v < mesh.positions.size(); ++v) {
+  absl::Status status = CheckAll(mesh.positions.size(), cancellation, [&](size_t v) {
     const glm::vec3& p = mesh.positions[v];
-    if (!IsFinite(p)) {
-      return Invalid(
-          absl::StrFormat("meshes[%d].positions[%d]: (%g, %g, %g) is not finite", i, v, p.x, p.y, p.z));
-    }
-  }
+    if (IsFinite(p)) return absl::OkStatus();
+    return Invalid(
+        absl::StrFormat("meshes[%d].positions[%d]: (%g, %g, %g) is not finite", i, v, p.x, p.y, p.z));
+  });
+  if (!status.ok()) return status;
   if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size()) {
     return Invalid(absl::StrFormat("meshes[%d].normals: %d for %d positions", i, mesh.normals.size(),
                                    mesh.positions.size()));
@@ -79,22 +94,21 @@ absl::Status ValidateMesh(const Scene& scene, size_t i) {
   if (mesh.uvs.empty() && scene.materials[static_cast<size_t>(mesh.material)].alpha_texture >= 0) {
     return Invalid(absl::StrFormat("meshes[%d].uvs: none, but material %d is a cutout", i, mesh.material));
   }
-  for (size_t v = 0; v < mesh.uvs.size(); ++v) {
-    if (!std::isfinite(mesh.uvs[v].x) || !std::isfinite(mesh.uvs[v].y)) {
-      return Invalid(
-          absl::StrFormat("meshes[%d].uvs[%d]: (%g, %g) is not finite", i, v, mesh.uvs[v].x, mesh.uvs[v].y));
-    }
-  }
-  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+  status = CheckAll(mesh.uvs.size(), cancellation, [&](size_t v) {
+    const glm::vec2& uv = mesh.uvs[v];
+    if (std::isfinite(uv.x) && std::isfinite(uv.y)) return absl::OkStatus();
+    return Invalid(absl::StrFormat("meshes[%d].uvs[%d]: (%g, %g) is not finite", i, v, uv.x, uv.y));
+  });
+  if (!status.ok()) return status;
+  return CheckAll(mesh.triangles.size(), cancellation, [&](size_t t) {
     for (int corner = 0; corner < 3; ++corner) {
       const uint32_t index = mesh.triangles[t][corner];
-      if (index >= mesh.positions.size()) {
-        return Invalid(absl::StrFormat("meshes[%d].triangles[%d][%d]: index %d, but there are %d positions",
-                                       i, t, corner, index, mesh.positions.size()));
-      }
+      if (index < mesh.positions.size()) continue;
+      return Invalid(absl::StrFormat("meshes[%d].triangles[%d][%d]: index %d, but there are %d positions", i,
+                                     t, corner, index, mesh.positions.size()));
     }
-  }
-  return absl::OkStatus();
+    return absl::OkStatus();
+  });
 }
 
 absl::Status ValidateInstance(const Scene& scene, size_t i) {
@@ -136,28 +150,24 @@ Bounds Scene::WsBounds() const {
   return bounds;
 }
 
-absl::Status Validate(const Scene& scene) {
-  for (size_t i = 0; i < scene.alpha_textures.size(); ++i) {
+absl::Status Validate(const Scene& scene, const Cancellation* cancellation) {
+  absl::Status status = CheckAll(scene.alpha_textures.size(), cancellation, [&](size_t i) {
     const AlphaTexture& texture = scene.alpha_textures[i];
-    absl::Status status =
-        ValidateTexture(texture, texture.alpha, 1, absl::StrFormat("alpha_textures[%d]", i));
-    if (!status.ok()) return status;
-  }
-  for (size_t i = 0; i < scene.color_textures.size(); ++i) {
+    return ValidateTexture(texture, texture.alpha, 1, "alpha_textures", i);
+  });
+  if (!status.ok()) return status;
+  status = CheckAll(scene.color_textures.size(), cancellation, [&](size_t i) {
     const ColorTexture& texture = scene.color_textures[i];
-    absl::Status status = ValidateTexture(texture, texture.rgb, 3, absl::StrFormat("color_textures[%d]", i));
-    if (!status.ok()) return status;
-  }
-  for (size_t i = 0; i < scene.materials.size(); ++i) {
-    if (absl::Status status = ValidateMaterial(scene, i); !status.ok()) return status;
-  }
-  for (size_t i = 0; i < scene.meshes.size(); ++i) {
-    if (absl::Status status = ValidateMesh(scene, i); !status.ok()) return status;
-  }
-  for (size_t i = 0; i < scene.instances.size(); ++i) {
-    if (absl::Status status = ValidateInstance(scene, i); !status.ok()) return status;
-  }
-  return absl::OkStatus();
+    return ValidateTexture(texture, texture.rgb, 3, "color_textures", i);
+  });
+  if (!status.ok()) return status;
+  status =
+      CheckAll(scene.materials.size(), cancellation, [&](size_t i) { return ValidateMaterial(scene, i); });
+  if (!status.ok()) return status;
+  status = CheckAll(scene.meshes.size(), cancellation,
+                    [&](size_t i) { return ValidateMesh(scene, i, cancellation); });
+  if (!status.ok()) return status;
+  return CheckAll(scene.instances.size(), cancellation, [&](size_t i) { return ValidateInstance(scene, i); });
 }
 
 }  // namespace shadowfit

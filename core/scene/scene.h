@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "core/cancellation.h"
 #include "core/scene/bounds.h"
 
 namespace shadowfit {
@@ -66,6 +67,7 @@ struct Scene {
 };
 
 /// Checks every index, size and value; the message names the field, as "meshes[3].triangles[17].y: 9 ...".
-absl::Status Validate(const Scene& scene);
+/// Cancelled or DeadlineExceeded once `cancellation` (may be null) asks.
+absl::Status Validate(const Scene& scene, const Cancellation* cancellation = nullptr);
 
 }  // namespace shadowfit

@@ -17,7 +17,7 @@
 #include "core/reference/truth_scene.h"
 #include "core/scene/procedural.h"
 #include "google/rpc/error_details.pb.h"
-#include "server/scene_store.h"
+#include "server/scene_digest.h"
 #include "shadowfit/v1/scene.grpc.pb.h"
 #include "tests/loopback/loopback.h"
 #include "tests/support/wire_frame.h"
