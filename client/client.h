@@ -10,9 +10,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "client/frame_stream.h"
-#include "client/mask_stream.h"
 #include "client/packed_scene.h"
+#include "client/service_stream.h"
 #include "shadowfit/v1/frame.pb.h"
 #include "shadowfit/v1/info.pb.h"
 #include "shadowfit/v1/mask.pb.h"

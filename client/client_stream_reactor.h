@@ -17,8 +17,8 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "client/frame_stream.h"
 #include "client/grpc_status.h"
+#include "client/service_stream.h"
 
 namespace shadowfit {
 
@@ -32,7 +32,7 @@ namespace shadowfit {
 // Traits: Request and Response of the stream, Frame in the one, Outcome for the caller, Service with the
 // stub, and Call(), which makes the call.
 template <typename Traits>
-class ClientStreamReactor final
+class ClientStreamReactor
     : public grpc::ClientBidiReactor<typename Traits::Request, typename Traits::Response> {
   using Request = typename Traits::Request;
   using Response = typename Traits::Response;

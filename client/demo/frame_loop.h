@@ -10,8 +10,8 @@
 
 #include "absl/status/statusor.h"
 #include "client/demo/walk.h"
-#include "client/frame_stream.h"
 #include "client/render/renderer.h"
+#include "client/service_stream.h"
 #include "core/fit/frame_optimizer.h"
 
 namespace shadowfit {

@@ -30,8 +30,6 @@ double SecondsSince(SteadyClock::time_point start) {
   return std::chrono::duration<double>(SteadyClock::now() - start).count();
 }
 
-absl::Status Invalid(const std::string& message) { return absl::InvalidArgumentError(message); }
-
 /// Puts the field's path before a message that a lower layer began with a member's name.
 absl::Status Within(const std::string& path, const absl::Status& status) {
   return {status.code(), absl::StrCat(path, ".", status.message())};
@@ -45,7 +43,8 @@ const char* KindName(const Light& light) {
 absl::Status CheckMapSize(const std::string& path, MapSize size) {
   for (const auto& [value, name] : {std::pair(size.width, "width"), std::pair(size.height, "height")}) {
     if (value < 1 || value > kMaxMapSize) {
-      return Invalid(absl::StrFormat("%s.%s: %d is outside 1 to %d", path, name, value, kMaxMapSize));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s.%s: %d is outside 1 to %d", path, name, value, kMaxMapSize));
     }
   }
   return absl::OkStatus();
@@ -54,12 +53,12 @@ absl::Status CheckMapSize(const std::string& path, MapSize size) {
 absl::Status CheckBounds(const Bounds& bounds) {
   for (int axis = 0; axis < 3; ++axis) {
     if (!std::isfinite(bounds.min[axis]) || !std::isfinite(bounds.max[axis])) {
-      return Invalid(absl::StrFormat("scene_bounds: component %d (%g to %g) is not finite", axis,
-                                     bounds.min[axis], bounds.max[axis]));
+      return absl::InvalidArgumentError(absl::StrFormat("scene_bounds: component %d (%g to %g) is not finite",
+                                                        axis, bounds.min[axis], bounds.max[axis]));
     }
     if (bounds.min[axis] > bounds.max[axis]) {
-      return Invalid(absl::StrFormat("scene_bounds: min %g is above max %g in component %d", bounds.min[axis],
-                                     bounds.max[axis], axis));
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "scene_bounds: min %g is above max %g in component %d", bounds.min[axis], bounds.max[axis], axis));
     }
   }
   return absl::OkStatus();
@@ -67,21 +66,23 @@ absl::Status CheckBounds(const Bounds& bounds) {
 
 absl::Status CheckImages(const FrameRequest& request) {
   if (request.depth.bottom_row == nullptr || request.depth.width < 1 || request.depth.height < 1) {
-    return Invalid(absl::StrFormat("depth: size %dx%d, both must be positive", request.depth.width,
-                                   request.depth.height));
+    return absl::InvalidArgumentError(absl::StrFormat("depth: size %dx%d, both must be positive",
+                                                      request.depth.width, request.depth.height));
   }
   if (!request.bits) return absl::OkStatus();
   if (request.bits->width != request.depth.width || request.bits->height != request.depth.height) {
-    return Invalid(absl::StrFormat("shadow_bits: size %dx%d differs from depth's %dx%d", request.bits->width,
-                                   request.bits->height, request.depth.width, request.depth.height));
+    return absl::InvalidArgumentError(absl::StrFormat("shadow_bits: size %dx%d differs from depth's %dx%d",
+                                                      request.bits->width, request.bits->height,
+                                                      request.depth.width, request.depth.height));
   }
   return absl::OkStatus();
 }
 
 absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray_spaces) {
-  if (request.lights.empty()) return Invalid("lights: empty, at least one is needed");
+  if (request.lights.empty()) return absl::InvalidArgumentError("lights: empty, at least one is needed");
   if (request.lights.size() > kMaxLights) {
-    return Invalid(absl::StrFormat("lights: %d, at most %d fit a frame", request.lights.size(), kMaxLights));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("lights: %d, at most %d fit a frame", request.lights.size(), kMaxLights));
   }
   std::set<uint32_t> ids;
   ray_spaces->clear();
@@ -89,10 +90,11 @@ absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray
     const LightRequest& light = request.lights[i];
     const std::string path = absl::StrFormat("lights[%d]", i);
     if (!ids.insert(light.id).second)
-      return Invalid(absl::StrFormat("%s.id: %d is not unique", path, light.id));
+      return absl::InvalidArgumentError(absl::StrFormat("%s.id: %d is not unique", path, light.id));
     if (absl::Status status = CheckMapSize(path + ".shadow_map", light.map_size); !status.ok()) return status;
     if (!std::isfinite(light.weight) || !(light.weight > 0.0)) {
-      return Invalid(absl::StrFormat("%s.weight: %g is not finite and above 0", path, light.weight));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s.weight: %g is not finite and above 0", path, light.weight));
     }
     absl::StatusOr<RaySpace> space = RaySpace::Create(light.light);
     if (!space.ok()) return Within(absl::StrCat(path, ".", KindName(light.light)), space.status());
@@ -105,7 +107,7 @@ absl::Status CheckLights(const FrameRequest& request, std::vector<RaySpace>* ray
     for (int k = 0; k < 16; ++k) {
       const double entry = (*light.previous_clip_from_world)[k / 4][k % 4];
       if (!std::isfinite(entry)) {
-        return Invalid(
+        return absl::InvalidArgumentError(
             absl::StrFormat("%s.previous_world_to_shadow_clip.m[%d]: %g is not finite", path, k, entry));
       }
     }
@@ -119,7 +121,7 @@ absl::Status CheckKnobs(const DefaultOptions& options) {
   if (options.keep_within == 0.0 || (std::isfinite(options.keep_within) && options.keep_within >= 1.0)) {
     return absl::OkStatus();
   }
-  return Invalid(
+  return absl::InvalidArgumentError(
       absl::StrFormat("options.keep_within: %g, must be 0, or finite and at least 1", options.keep_within));
 }
 
@@ -298,7 +300,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     if (!IsFinite(result.clip_from_world) ||
         !std::all_of(result.further_maps.begin(), result.further_maps.end(),
                      [](const LightMap& map) { return IsFinite(map.clip_from_world); })) {
-      return Invalid(
+      return absl::InvalidArgumentError(
           absl::StrFormat("lights[%d]: the numbers of camera and light leave the range of doubles", i));
     }
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);

@@ -16,18 +16,17 @@
 namespace shadowfit {
 namespace {
 
-absl::Status Invalid(const std::string& message) { return absl::InvalidArgumentError(message); }
-
 absl::Status CheckSides(const std::string& path, const SideLimits& sides) {
   const int least = sides.rounding == SizeRounding::kMultipleOf8 ? 8 : 1;
   for (const auto& [value, name] :
        {std::pair(sides.min_side, "min_side"), std::pair(sides.max_side, "max_side")}) {
     if (value < least || value > kMaxMapSize) {
-      return Invalid(absl::StrFormat("%s.%s: %d is outside %d to %d", path, name, value, least, kMaxMapSize));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s.%s: %d is outside %d to %d", path, name, value, least, kMaxMapSize));
     }
   }
   if (sides.min_side > sides.max_side) {
-    return Invalid(
+    return absl::InvalidArgumentError(
         absl::StrFormat("%s.min_side: %d is above max_side, %d", path, sides.min_side, sides.max_side));
   }
   return absl::OkStatus();
@@ -160,7 +159,7 @@ absl::StatusOr<std::vector<MapSize>> SizesByBudget(const BudgetOptions& options,
   double least = 0.0;
   for (const TexelDemand& demand : demands) least += SmallestSize(demand.requested, limits.sides).texels();
   if (total < least) {
-    return Invalid(absl::StrFormat(
+    return absl::InvalidArgumentError(absl::StrFormat(
         "options.texel_budget.%s: %.0f texels, %d maps of the least size need %.0f",
         total == options.total_texels ? "total_texels" : "atlas", total, demands.size(), least));
   }
@@ -179,7 +178,7 @@ absl::StatusOr<std::vector<MapSize>> SizesByBudget(const BudgetOptions& options,
       return sizes;
     }
     if (total <= least) {
-      return Invalid(
+      return absl::InvalidArgumentError(
           absl::StrFormat("options.texel_budget.atlas: %dx%d does not hold %d maps of the least size",
                           options.atlas->width, options.atlas->height, sizes.size()));
     }
@@ -193,22 +192,24 @@ absl::Status CheckSizing(const MapSizing& sizing) {
   if (const auto* budget = std::get_if<BudgetOptions>(&sizing)) {
     if (!std::isfinite(budget->total_texels) || budget->total_texels < 0.0 ||
         (budget->total_texels == 0.0 && !budget->atlas)) {
-      return Invalid(absl::StrFormat("options.texel_budget.total_texels: %g, %s", budget->total_texels,
-                                     budget->total_texels == 0.0 ? "needed where there is no atlas"
-                                                                 : "must be finite and not negative"));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("options.texel_budget.total_texels: %g, %s", budget->total_texels,
+                          budget->total_texels == 0.0 ? "needed where there is no atlas"
+                                                      : "must be finite and not negative"));
     }
     if (budget->atlas) {
       const auto outside = [](int side) { return side < 1 || side > kMaxMapSize; };
       if (outside(budget->atlas->width) || outside(budget->atlas->height)) {
-        return Invalid(absl::StrFormat("options.texel_budget.atlas: %dx%d, sides are 1 to %d",
-                                       budget->atlas->width, budget->atlas->height, kMaxMapSize));
+        return absl::InvalidArgumentError(
+            absl::StrFormat("options.texel_budget.atlas: %dx%d, sides are 1 to %d", budget->atlas->width,
+                            budget->atlas->height, kMaxMapSize));
       }
     }
     return CheckSides("options.texel_budget.sides", budget->sides);
   }
   if (const auto* tolerance = std::get_if<ToleranceOptions>(&sizing)) {
     if (!std::isfinite(tolerance->max_misclassified_pixels) || !(tolerance->max_misclassified_pixels > 0.0)) {
-      return Invalid(
+      return absl::InvalidArgumentError(
           absl::StrFormat("options.tolerance.max_misclassified_pixels: %g is not finite and above 0",
                           tolerance->max_misclassified_pixels));
     }

@@ -30,24 +30,25 @@ absl::Status CheckAll(size_t count, const Cancellation* cancellation, const Chec
   return absl::OkStatus();
 }
 
-absl::Status Invalid(const std::string& message) { return absl::InvalidArgumentError(message); }
-
 absl::Status ValidateMaterial(const Scene& scene, size_t i) {
   const Material& material = scene.materials[i];
   if (material.alpha_texture < -1 ||
       material.alpha_texture >= static_cast<int>(scene.alpha_textures.size())) {
-    return Invalid(absl::StrFormat("materials[%d].alpha_texture: %d, but there are %d alpha textures", i,
-                                   material.alpha_texture, scene.alpha_textures.size()));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("materials[%d].alpha_texture: %d, but there are %d alpha textures", i,
+                        material.alpha_texture, scene.alpha_textures.size()));
   }
   if (material.color_texture < -1 ||
       material.color_texture >= static_cast<int>(scene.color_textures.size())) {
-    return Invalid(absl::StrFormat("materials[%d].color_texture: %d, but there are %d color textures", i,
-                                   material.color_texture, scene.color_textures.size()));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("materials[%d].color_texture: %d, but there are %d color textures", i,
+                        material.color_texture, scene.color_textures.size()));
   }
   for (int channel = 0; channel < 3; ++channel) {
     const float t = material.transmittance[channel];
     if (!(t >= 0.0f && t <= 1.0f)) {
-      return Invalid(absl::StrFormat("materials[%d].transmittance[%d]: %g is outside [0,1]", i, channel, t));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("materials[%d].transmittance[%d]: %g is outside [0,1]", i, channel, t));
     }
   }
   return absl::OkStatus();
@@ -57,14 +58,14 @@ template <typename Texture>
 absl::Status ValidateTexture(const Texture& texture, const std::vector<uint8_t>& bytes, int channels,
                              const char* list, size_t i) {
   if (texture.width <= 0 || texture.height <= 0) {
-    return Invalid(
+    return absl::InvalidArgumentError(
         absl::StrFormat("%s[%d]: size %dx%d, both must be positive", list, i, texture.width, texture.height));
   }
   const size_t expected = static_cast<size_t>(texture.width) * static_cast<size_t>(texture.height) *
                           static_cast<size_t>(channels);
   if (bytes.size() != expected) {
-    return Invalid(absl::StrFormat("%s[%d]: %d bytes, %dx%d needs %d", list, i, bytes.size(), texture.width,
-                                   texture.height, expected));
+    return absl::InvalidArgumentError(absl::StrFormat("%s[%d]: %d bytes, %dx%d needs %d", list, i,
+                                                      bytes.size(), texture.width, texture.height, expected));
   }
   return absl::OkStatus();
 }
@@ -72,40 +73,44 @@ absl::Status ValidateTexture(const Texture& texture, const std::vector<uint8_t>&
 absl::Status ValidateMesh(const Scene& scene, size_t i, const Cancellation* cancellation) {
   const Mesh& mesh = scene.meshes[i];
   if (mesh.material < 0 || mesh.material >= static_cast<int>(scene.materials.size())) {
-    return Invalid(absl::StrFormat("meshes[%d].material: %d, but there are %d materials", i, mesh.material,
-                                   scene.materials.size()));
+    return absl::InvalidArgumentError(absl::StrFormat("meshes[%d].material: %d, but there are %d materials",
+                                                      i, mesh.material, scene.materials.size()));
   }
-  if (mesh.triangles.empty()) return Invalid(absl::StrFormat("meshes[%d].triangles: empty", i));
+  if (mesh.triangles.empty())
+    return absl::InvalidArgumentError(absl::StrFormat("meshes[%d].triangles: empty", i));
   absl::Status status = CheckAll(mesh.positions.size(), cancellation, [&](size_t v) {
     const glm::vec3& p = mesh.positions[v];
     if (IsFinite(p)) return absl::OkStatus();
-    return Invalid(
+    return absl::InvalidArgumentError(
         absl::StrFormat("meshes[%d].positions[%d]: (%g, %g, %g) is not finite", i, v, p.x, p.y, p.z));
   });
   if (!status.ok()) return status;
   if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size()) {
-    return Invalid(absl::StrFormat("meshes[%d].normals: %d for %d positions", i, mesh.normals.size(),
-                                   mesh.positions.size()));
+    return absl::InvalidArgumentError(absl::StrFormat("meshes[%d].normals: %d for %d positions", i,
+                                                      mesh.normals.size(), mesh.positions.size()));
   }
   if (!mesh.uvs.empty() && mesh.uvs.size() != mesh.positions.size()) {
-    return Invalid(
+    return absl::InvalidArgumentError(
         absl::StrFormat("meshes[%d].uvs: %d for %d positions", i, mesh.uvs.size(), mesh.positions.size()));
   }
   if (mesh.uvs.empty() && scene.materials[static_cast<size_t>(mesh.material)].alpha_texture >= 0) {
-    return Invalid(absl::StrFormat("meshes[%d].uvs: none, but material %d is a cutout", i, mesh.material));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("meshes[%d].uvs: none, but material %d is a cutout", i, mesh.material));
   }
   status = CheckAll(mesh.uvs.size(), cancellation, [&](size_t v) {
     const glm::vec2& uv = mesh.uvs[v];
     if (std::isfinite(uv.x) && std::isfinite(uv.y)) return absl::OkStatus();
-    return Invalid(absl::StrFormat("meshes[%d].uvs[%d]: (%g, %g) is not finite", i, v, uv.x, uv.y));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("meshes[%d].uvs[%d]: (%g, %g) is not finite", i, v, uv.x, uv.y));
   });
   if (!status.ok()) return status;
   return CheckAll(mesh.triangles.size(), cancellation, [&](size_t t) {
     for (int corner = 0; corner < 3; ++corner) {
       const uint32_t index = mesh.triangles[t][corner];
       if (index < mesh.positions.size()) continue;
-      return Invalid(absl::StrFormat("meshes[%d].triangles[%d][%d]: index %d, but there are %d positions", i,
-                                     t, corner, index, mesh.positions.size()));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("meshes[%d].triangles[%d][%d]: index %d, but there are %d positions", i, t, corner,
+                          index, mesh.positions.size()));
     }
     return absl::OkStatus();
   });
@@ -114,12 +119,13 @@ absl::Status ValidateMesh(const Scene& scene, size_t i, const Cancellation* canc
 absl::Status ValidateInstance(const Scene& scene, size_t i) {
   const Instance& instance = scene.instances[i];
   if (instance.mesh < 0 || instance.mesh >= static_cast<int>(scene.meshes.size())) {
-    return Invalid(absl::StrFormat("instances[%d].mesh: %d, but there are %d meshes", i, instance.mesh,
-                                   scene.meshes.size()));
+    return absl::InvalidArgumentError(absl::StrFormat("instances[%d].mesh: %d, but there are %d meshes", i,
+                                                      instance.mesh, scene.meshes.size()));
   }
   for (int column = 0; column < 4; ++column) {
     if (!IsFinite(instance.world_from_object[column])) {
-      return Invalid(absl::StrFormat("instances[%d].world_from_object[%d]: not finite", i, column));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("instances[%d].world_from_object[%d]: not finite", i, column));
     }
   }
   return absl::OkStatus();

@@ -1,4 +1,4 @@
-#include "client/frame_stream.h"
+#include "client/service_stream.h"
 
 #include <gtest/gtest.h>
 
