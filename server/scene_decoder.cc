@@ -21,6 +21,8 @@ static_assert(std::endian::native == std::endian::little,
               "arrays are little-endian and are copied as they are");
 
 constexpr uint32_t kMaxTextureSide = 16384;
+/// Protobuf counts bytes in an int.
+constexpr size_t kMostBytes = std::numeric_limits<int>::max();
 
 absl::Status FieldError(const std::string& path, const std::string& what) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": ", what));
@@ -145,6 +147,9 @@ absl::Status DecodeTransform(const google::protobuf::RepeatedField<float>& numbe
 }
 
 absl::StatusOr<Scene> DecodeScene(std::string bytes, const Cancellation* cancellation) {
+  if (bytes.size() > kMostBytes) {
+    return FieldError("data", absl::StrFormat("%d bytes, at most %d", bytes.size(), kMostBytes));
+  }
   v1::SceneData data;
   CancellableStream stream(bytes, cancellation);
   const bool parsed = data.ParseFromZeroCopyStream(&stream);

@@ -9,6 +9,9 @@
 
 namespace shadowfit::irregular {
 
+/// What is cancelled, as CancellationStatus() names it.
+inline constexpr char kRendering[] = "the rendering of masks";
+
 /// tbb::parallel_for over [0, count), one index a task, which skips what is left once cancelled.
 template <typename Body>
 void ForEach(size_t count, const Cancellation* cancellation, const Body& body) {

@@ -476,7 +476,7 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
   }
   CutIntoParts(piece, share_work);
   Each(share_work, parts_.size(), cancellation, [&](size_t i) { SamplePart(task, &parts_[i]); });
-  if (absl::Status status = CancellationStatus(cancellation, "the masks"); !status.ok()) return status;
+  if (absl::Status status = CancellationStatus(cancellation, kRendering); !status.ok()) return status;
   const auto add_counts = [this] {
     SampleCounts counts;
     for (const Part& part : parts_) counts.Add(part.counts);
@@ -484,7 +484,7 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
   };
   SetUpFaces(plan, add_counts());
   if (!Count(task, share_work, cancellation)) return out_of_memory();
-  if (absl::Status status = CancellationStatus(cancellation, "the masks"); !status.ok()) return status;
+  if (absl::Status status = CancellationStatus(cancellation, kRendering); !status.ok()) return status;
   totals->counts = add_counts();
   totals->milliseconds.project = watch.Lap();
   if (plan.face_count == 1 && totals->counts.off_face > 0) return absl::OkStatus();
@@ -492,9 +492,9 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
   MeasureFaces(plan, totals->counts);
   CutIntoBands(plan, share_work);
   Sort(task, share_work, cancellation);
-  if (absl::Status status = CancellationStatus(cancellation, "the masks"); !status.ok()) return status;
+  if (absl::Status status = CancellationStatus(cancellation, kRendering); !status.ok()) return status;
   if (request.method == MaskMethod::kBsp) SortByBsp(task, cancellation);
-  if (absl::Status status = CancellationStatus(cancellation, "the masks"); !status.ok()) return status;
+  if (absl::Status status = CancellationStatus(cancellation, kRendering); !status.ok()) return status;
   totals->milliseconds.sort = watch.Lap();
 
   std::atomic<bool> no_memory{false};
@@ -502,7 +502,7 @@ absl::Status PieceRenderer::Render(const MaskRequest& request, const LightPlan& 
     if (!WalkBand(request, plan, boxes, casters, task.samples, bands_[i]))
       no_memory.store(true, std::memory_order_relaxed);
   });
-  if (absl::Status status = CancellationStatus(cancellation, "the masks"); !status.ok()) return status;
+  if (absl::Status status = CancellationStatus(cancellation, kRendering); !status.ok()) return status;
   if (no_memory.load()) return out_of_memory();
   totals->milliseconds.walk = watch.Lap();
 

@@ -152,7 +152,7 @@ absl::Status MaskRenderer::Workspace::PlaceMovedInstances(const MaskRequest& req
                    request.scene->Place(*moved_to[cluster.instance], &cluster);
                  }
                });
-  return CancellationStatus(request.cancellation, "the masks");
+  return CancellationStatus(request.cancellation, kRendering);
 }
 
 absl::Status MaskRenderer::Workspace::PlanLight(const MaskRequest& request, size_t light) {
@@ -166,7 +166,7 @@ absl::Status MaskRenderer::Workspace::PlanLight(const MaskRequest& request, size
   plans[light].Plan(request, light, *ray_space);
   masks[light] = LightMask{};
   masks[light].milliseconds.plan = MillisecondsSince(start);
-  return CancellationStatus(request.cancellation, "the masks");
+  return CancellationStatus(request.cancellation, kRendering);
 }
 
 /// The lights [begin, EndOfGroup()) are rendered together: one at least.
@@ -188,7 +188,7 @@ absl::Status MaskRenderer::Workspace::BoundCasters(const MaskRequest& request, s
           absl::StrFormat("scene: no memory for boxes of %d clusters", request.scene->clusters().size()));
     }
     masks[light].milliseconds.plan += MillisecondsSince(start);
-    if (absl::Status status = CancellationStatus(request.cancellation, "the masks"); !status.ok())
+    if (absl::Status status = CancellationStatus(request.cancellation, kRendering); !status.ok())
       return status;
   }
   return absl::OkStatus();
@@ -242,8 +242,7 @@ absl::Status MaskRenderer::Workspace::RenderLights(const MaskRequest& request, s
       render(renderers[static_cast<size_t>(tbb::this_task_arena::current_thread_index())], i);
     });
   }
-  if (absl::Status status = CancellationStatus(request.cancellation, "the masks"); !status.ok())
-    return status;
+  if (absl::Status status = CancellationStatus(request.cancellation, kRendering); !status.ok()) return status;
   if (!failed.load()) return absl::OkStatus();
   return absl::ResourceExhaustedError(
       absl::StrFormat("layers: no memory for pieces of %d samples", kPiecePixels));
