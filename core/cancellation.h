@@ -27,10 +27,15 @@ class Cancellation {
   Clock::time_point deadline_ = Clock::time_point::max();
 };
 
+/// Null: nobody ever asks.
+inline bool IsCancelled(const Cancellation* cancellation) {
+  return cancellation != nullptr && cancellation->Requested();
+}
+
 /// OK as long as `cancellation` (may be null) does not ask. Then Cancelled or DeadlineExceeded, with a
 /// message that says during what.
 inline absl::Status CancellationStatus(const Cancellation* cancellation, absl::string_view during) {
-  if (cancellation == nullptr || !cancellation->Requested()) return absl::OkStatus();
+  if (!IsCancelled(cancellation)) return absl::OkStatus();
   if (cancellation->DeadlinePassed()) {
     return absl::DeadlineExceededError(absl::StrCat("the deadline passed during ", during));
   }

@@ -2,6 +2,8 @@
 
 #include <chrono>
 
+#include "absl/strings/str_cat.h"
+
 namespace shadowfit {
 
 Cancellation::Clock::time_point DeadlineAfter(Cancellation::Clock::time_point start, double seconds) {
@@ -16,6 +18,12 @@ Cancellation::Clock::time_point CallDeadline(const grpc::ServerContextBase& cont
   const double remaining =
       std::chrono::duration<double>(context.deadline() - std::chrono::system_clock::now()).count();
   return remaining <= 0.0 ? now : DeadlineAfter(now, remaining);
+}
+
+absl::Status CheckStillWanted(const Cancellation& cancellation, double queue_seconds) {
+  // The message is made only where it is needed: this is asked for every frame.
+  if (!cancellation.Requested()) return absl::OkStatus();
+  return CancellationStatus(&cancellation, absl::StrCat(queue_seconds, " s in the queue"));
 }
 
 }  // namespace shadowfit

@@ -2,6 +2,7 @@
 
 #include <grpcpp/server_context.h>
 
+#include "absl/status/status.h"
 #include "core/cancellation.h"
 
 namespace shadowfit {
@@ -11,5 +12,8 @@ Cancellation::Clock::time_point CallDeadline(const grpc::ServerContextBase& cont
 
 /// `seconds` from `start`, or max() where it is 0 or longer than any call lasts.
 Cancellation::Clock::time_point DeadlineAfter(Cancellation::Clock::time_point start, double seconds);
+
+/// Whether anybody still waits for work that is about to begin: CancellationStatus(), of the queue.
+absl::Status CheckStillWanted(const Cancellation& cancellation, double queue_seconds);
 
 }  // namespace shadowfit

@@ -41,7 +41,7 @@ class CancellableStream : public google::protobuf::io::ArrayInputStream {
         cancellation_(cancellation) {}
 
   bool Next(const void** data, int* size) override {
-    return (cancellation_ == nullptr || !cancellation_->Requested()) && ArrayInputStream::Next(data, size);
+    return !IsCancelled(cancellation_) && ArrayInputStream::Next(data, size);
   }
 
  private:

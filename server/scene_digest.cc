@@ -31,7 +31,7 @@ std::string SceneDigest(std::string_view data, const Cancellation* cancellation)
   const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
   check(context != nullptr ? 1 : 0);
   check(EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr));
-  while (!data.empty() && (cancellation == nullptr || !cancellation->Requested())) {
+  while (!data.empty() && !IsCancelled(cancellation)) {
     const std::string_view piece = data.substr(0, kBytesOfPoll);
     check(EVP_DigestUpdate(context.get(), piece.data(), piece.size()));
     data.remove_prefix(piece.size());

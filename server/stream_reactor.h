@@ -214,10 +214,8 @@ class StreamReactor final : public grpc::ServerBidiReactor<Request, Response>,
   }
 
   absl::Status ComputeAnswer(Slot& slot, double queue_seconds) {
-    // Work that nobody waits for any more is not begun.
-    absl::Status status =
-        CancellationStatus(&*slot.cancellation, absl::StrCat(queue_seconds, " s in the queue"));
-    if (!status.ok()) return status;
+    if (absl::Status status = CheckStillWanted(*slot.cancellation, queue_seconds); !status.ok())
+      return status;
     try {
       slot.response.set_frame_id(slot.request.frame().frame_id());
       return work_(slot.request, {*slot.cancellation, queue_seconds}, &slot.response);

@@ -4,7 +4,6 @@
 #include <exception>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "server/errors.h"
 #include "server/request_deadline.h"
 
@@ -45,9 +44,7 @@ void UnaryReactor::Run() {
 }
 
 absl::Status UnaryReactor::RunWork(double queue_seconds) {
-  // Work that nobody waits for any more is not begun.
-  absl::Status status = CancellationStatus(&cancellation_, absl::StrCat(queue_seconds, " s in the queue"));
-  if (!status.ok()) return status;
+  if (absl::Status status = CheckStillWanted(cancellation_, queue_seconds); !status.ok()) return status;
   try {
     return work_({cancellation_, queue_seconds});
   } catch (const std::exception& error) {  // Out of memory, from a library: this request's misfortune alone.

@@ -89,7 +89,7 @@ class Partitioner {
   }
 
  private:
-  bool Cancelled() const { return problem_.cancellation != nullptr && problem_.cancellation->Requested(); }
+  bool Cancelled() const { return IsCancelled(problem_.cancellation); }
 
   SingleMapFit Fit(const LightSamples& samples, MapSize size, const DefaultOptions& options) {
     LightProblem problem = problem_;

@@ -50,7 +50,7 @@ struct SortCancelled {};
 void Sort(const Cancellation* cancellation, std::span<MortonKey> keys) {
   tbb::parallel_sort(keys.begin(), keys.end(), [cancellation](const MortonKey& a, const MortonKey& b) {
     static thread_local uint32_t comparisons = 0;
-    if (++comparisons % kComparisonsOfPoll == 0 && cancellation != nullptr && cancellation->Requested()) {
+    if (++comparisons % kComparisonsOfPoll == 0 && IsCancelled(cancellation)) {
       throw SortCancelled();
     }
     return a < b;
@@ -61,7 +61,7 @@ void Sort(const Cancellation* cancellation, std::span<MortonKey> keys) {
 Bounds BoundsOf(const Mesh& mesh, const Cancellation* cancellation) {
   Bounds bounds;
   for (size_t i = 0; i < mesh.positions.size(); ++i) {
-    if (i % kTaskElements == 0 && cancellation != nullptr && cancellation->Requested()) break;
+    if (i % kTaskElements == 0 && IsCancelled(cancellation)) break;
     bounds.Add(glm::dvec3(mesh.positions[i]));
   }
   return bounds;
@@ -163,10 +163,9 @@ ClusteredMesh::Corners ClusteredMesh::CornersOf(const Mesh& mesh, std::span<cons
 bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* cancellation) {
   cutout_ = cutout;
   position_count_ = mesh.positions.size();
-  const auto cancelled = [cancellation] { return cancellation != nullptr && cancellation->Requested(); };
   AlignedBuffer<uint32_t> sorted;
   if (!MortonOrder(mesh, cancellation, &sorted)) return false;
-  if (cancelled()) return true;
+  if (IsCancelled(cancellation)) return true;
   const std::span<const uint32_t> order(sorted.data(), mesh.triangles.size());
   const auto triangles_of = [order](size_t cluster) {
     const size_t first = cluster * kClusterTriangles;
@@ -183,7 +182,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* ca
       if (AllLines(cluster, cutout) >= separate) cluster.vertex_count = 0;
     }
   });
-  if (cancelled()) return true;
+  if (IsCancelled(cancellation)) return true;
   size_t lines = 0;
   for (Cluster& cluster : clusters_) {
     cluster.first_line = static_cast<uint32_t>(lines);
@@ -193,7 +192,7 @@ bool ClusteredMesh::Create(const Mesh& mesh, bool cutout, const Cancellation* ca
   ForEachPiece(clusters_.size(), kTaskClusters, cancellation, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) Fill(clusters_[i], CornersOf(mesh, triangles_of(i)), mesh);
   });
-  if (cancelled()) return true;
+  if (IsCancelled(cancellation)) return true;
   SetPositions(mesh.positions, cancellation);
   return true;
 }

@@ -140,7 +140,7 @@ void LightPlan::CollectRays(const MaskRequest& request) {
   glm::dvec3 r;
   for (const LayerSource& layer : layers) {
     for (int y0 = 0; y0 < height; y0 += stride) {
-      if (request.cancellation != nullptr && request.cancellation->Requested()) return;
+      if (IsCancelled(request.cancellation)) return;
       for (int x0 = 0; x0 < width; x0 += stride) {
         const int x = x0 + next(), y = y0 + next();
         if (x >= width || y >= height) continue;

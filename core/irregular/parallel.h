@@ -19,7 +19,7 @@ void ForEach(size_t count, const Cancellation* cancellation, const Body& body) {
       tbb::blocked_range<size_t>(0, count, 1),
       [&](const tbb::blocked_range<size_t>& range) {
         for (size_t i = range.begin(); i != range.end(); ++i) {
-          if (cancellation != nullptr && cancellation->Requested()) return;
+          if (IsCancelled(cancellation)) return;
           body(i);
         }
       },
@@ -30,7 +30,7 @@ void ForEach(size_t count, const Cancellation* cancellation, const Body& body) {
 template <typename Body>
 void ForEachPiece(size_t count, size_t piece, const Cancellation* cancellation, const Body& body) {
   const auto run = [&](size_t begin, size_t end) {
-    if (cancellation == nullptr || !cancellation->Requested()) body(begin, end);
+    if (!IsCancelled(cancellation)) body(begin, end);
   };
   if (count <= piece) {
     if (count > 0) run(size_t{0}, count);

@@ -248,7 +248,7 @@ bool PieceRenderer::Count(const PieceTask& task, bool share_work, const Cancella
     uint32_t* const histogram = next_.data() + i * cells_;
     std::fill_n(histogram, cells_, 0u);
     for (size_t p = chunks_[i].begin; p < chunks_[i].end; ++p) {
-      if (cancellation != nullptr && cancellation->Requested()) return;
+      if (IsCancelled(cancellation)) return;
       Part& part = parts_[p];
       if (parts_.size() > 1) {
         part.counts = SampleCounts();
@@ -262,9 +262,6 @@ bool PieceRenderer::Count(const PieceTask& task, bool share_work, const Cancella
 
 /// Incomplete once cancelled.
 void PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellation* cancellation) {
-  // What is skipped once cancelled must not be relied on.
-  const auto cancelled = [cancellation] { return cancellation != nullptr && cancellation->Requested(); };
-
   // 1. Where each band starts, and in it each cell, and in that the samples of each chunk.
   Each(share_work, bands_.size(), cancellation, [&](size_t i) {
     Band& band = bands_[i];
@@ -274,7 +271,7 @@ void PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellat
       band.samples = std::accumulate(histogram + band.first_cell, histogram + band.end_cell, band.samples);
     }
   });
-  if (cancelled()) return;
+  if (IsCancelled(cancellation)) return;  // What was skipped must not be relied on.
   uint32_t at = 0;
   for (Band& band : bands_) {
     band.first_sample = at;
@@ -295,12 +292,12 @@ void PieceRenderer::Sort(const PieceTask& task, bool share_work, const Cancellat
     }
   });
   cell_start_[cells_] = end_sample_;
-  if (cancelled()) return;
+  if (IsCancelled(cancellation)) return;
 
   // 2. Samples to their places.
   Each(share_work, chunks_.size(), cancellation, [&](size_t i) {
     for (size_t p = chunks_[i].begin; p < chunks_[i].end; ++p) {
-      if (cancelled()) return;
+      if (IsCancelled(cancellation)) return;
       PlaceSamples(task, parts_[p].lines, next_.data() + i * cells_, order_.data());
     }
   });

@@ -38,7 +38,7 @@ void BuildNode(std::span<const glm::vec3> uvw, std::span<uint32_t> order, uint32
   node.end_sample = end;
   const size_t at = nodes->size();
   nodes->push_back(node);
-  if (end - first <= kBspLeaf || (cancellation != nullptr && cancellation->Requested())) return;
+  if (end - first <= kBspLeaf || IsCancelled(cancellation)) return;
   const int axis = node.u_max - node.u_min >= node.v_max - node.v_min ? 0 : 1;
   const uint32_t middle = first + (end - first) / 2;
   std::nth_element(order.begin() + first, order.begin() + middle, order.begin() + end,

@@ -37,7 +37,7 @@ struct WalkTask {
   int channels = 3;                   ///< One where all casters are grey.
   const Cancellation* cancellation = nullptr;  ///< Once it asks, what is left is not tested.
 
-  bool Cancelled() const { return cancellation != nullptr && cancellation->Requested(); }
+  bool Cancelled() const { return IsCancelled(cancellation); }
 };
 
 /// A cluster of a mesh, as ClusteredMesh describes it, somewhere in the world.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "client/scene_io/scene_to_wire.h"
 #include "core/irregular/mask_scene.h"
 #include "core/scene/procedural.h"
 #include "server/scene_digest.h"
@@ -17,20 +18,7 @@ namespace {
 using ::testing::HasSubstr;
 using Clock = Cancellation::Clock;
 
-/// A scene's meshes, each once, serialized.
-std::string WireBytes(const Scene& scene) {
-  v1::SceneData data;
-  data.add_materials();
-  for (const Mesh& mesh : scene.meshes) {
-    data.add_instances()->set_mesh(static_cast<uint32_t>(data.meshes_size()));
-    v1::Mesh* wire = data.add_meshes();
-    wire->set_vertex_count(static_cast<uint32_t>(mesh.positions.size()));
-    wire->set_triangle_count(static_cast<uint32_t>(mesh.triangles.size()));
-    wire->set_positions(mesh.positions.data(), mesh.positions.size() * sizeof(glm::vec3));
-    wire->set_triangles(mesh.triangles.data(), mesh.triangles.size() * sizeof(glm::uvec3));
-  }
-  return data.SerializeAsString();
-}
+std::string WireBytes(const Scene& scene) { return SceneToWire(scene).SerializeAsString(); }
 
 TEST(SceneDecoder, BringsBackWhatWasSerialized) {
   // More bytes than are read, or copied, at a time.
