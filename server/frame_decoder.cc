@@ -194,6 +194,7 @@ absl::Status FrameDecoder::Decode(const v1::Frame& frame, FrameRequest* request,
   status.Update(DecodeMostMaps(frame.options().most_maps(), &options->standard));
   options->standard.free_aspect = frame.options().free_aspect();
   if (frame.options().has_keep_within()) options->standard.keep_within = frame.options().keep_within();
+  options->standard.hold_all_shadow = frame.options().hold_all_shadow();
   status.Update(DecodeSizing(frame.options(), &options->sizing));
   options->assess_quality = frame.options().assess_quality();
   request->safe_bias.reset();

@@ -97,6 +97,7 @@ void EncodeResult(uint64_t frame_id, const FrameSummary& summary, double queue_s
     EncodeMatrix(from.clip_from_world, to.mutable_world_to_shadow_clip());
     EncodeSize(from.projection.size, to.mutable_shadow_map());
     to.set_predicted_misclassified_pixels(from.predicted_misclassified_pixels);
+    to.set_shadow_outside_pixels(from.shadow_outside_pixels);
     to.set_outcome(EncodeOutcome(from.outcome));
     to.set_sample_source(EncodeSource(from.sample_source));
     to.set_note(from.note);

@@ -72,7 +72,7 @@ LightSet ParseKind(const std::string& text, int lights) {
   return set;
 }
 
-/// A method's name; "default" may be followed by ":aspect", ":1map" and ":2maps" to ":6maps".
+/// A method's name; "default" may be followed by ":aspect", ":whole", ":1map" and ":2maps" to ":6maps".
 MethodVariant ParseMethod(const std::string& text, MapSize map_size) {
   MethodVariant variant{text, {}, map_size};
   const std::vector<std::string> parts = absl::StrSplit(text, ':');
@@ -82,6 +82,8 @@ MethodVariant ParseMethod(const std::string& text, MapSize map_size) {
     int maps = 0;
     if (parts[i] == "aspect") {
       variant.options.standard.free_aspect = true;
+    } else if (parts[i] == "whole") {
+      variant.options.standard.hold_all_shadow = true;
     } else if (absl::SimpleAtoi(parts[i].substr(0, 1), &maps) && maps >= 1 && maps <= kMostMaps &&
                parts[i].substr(1) == (maps == 1 ? "map" : "maps")) {
       variant.options.standard.most_maps = maps;
@@ -94,9 +96,9 @@ MethodVariant ParseMethod(const std::string& text, MapSize map_size) {
     std::vector<std::string> names;
     names.reserve(AllMethods().size());
     for (const Method method_name : AllMethods()) names.emplace_back(MethodName(method_name));
-    throw CLI::ValidationError("--methods",
-                               absl::StrCat("\"", text, "\" is none of ", absl::StrJoin(names, ", "),
-                                            ", nor default followed by :aspect, :1map or :2maps to :6maps"));
+    throw CLI::ValidationError(
+        "--methods", absl::StrCat("\"", text, "\" is none of ", absl::StrJoin(names, ", "),
+                                  ", nor default followed by :aspect, :whole, :1map or :2maps to :6maps"));
   }
   variant.options.method = *method;
   return variant;
@@ -184,7 +186,8 @@ void AddCompareCommand(CLI::App& app) {
       ->add_option(
           "--methods", arguments->methods,
           "Methods to compare; default:aspect lets the map's aspect ratio vary at the same number of texels, "
-          "default:2maps (to 6maps) shares them among several maps where that is better, default:1map never")
+          "default:whole never lets go of shadow, default:2maps (to 6maps) shares them among several maps "
+          "where that is better, default:1map never")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--screen", arguments->screen, "Pixels that are judged")->capture_default_str();

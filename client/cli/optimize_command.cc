@@ -33,6 +33,7 @@ struct OptimizeArguments {
   uint32_t min_side = 0;
   uint32_t max_side = 0;
   std::optional<double> keep_within;
+  bool hold_all_shadow = false;
   std::string server;
   double timeout_seconds = 30.0;
 };
@@ -137,6 +138,7 @@ void RunOptimize(const OptimizeArguments& arguments, bool json) {
   if (arguments.bias_format != v1::SHADOW_MAP_FORMAT_UNSPECIFIED) bias.set_format(arguments.bias_format);
   if (arguments.pcf_radius != 0) bias.set_pcf_radius(arguments.pcf_radius);
   frame.mutable_options()->set_assess_quality(true);
+  if (arguments.hold_all_shadow) frame.mutable_options()->set_hold_all_shadow(true);
   if (arguments.keep_within) frame.mutable_options()->set_keep_within(*arguments.keep_within);
   SetSizing(arguments, frame.mutable_options());
   const auto service = ValueOrThrow(ServiceConnection::Open(arguments.server));
@@ -219,6 +221,8 @@ void AddOptimizeCommand(CLI::App& app) {
           "The frame's previous matrices stay while they get at most so many times the pixels of new "
           "ones wrong (default 1.1, at least 1); 0: never")
       ->type_name("K");
+  command->add_flag("--hold-all-shadow", arguments->hold_all_shadow,
+                    "Never let go of far shadow for the sake of the rest");
   command->add_option("--out", arguments->out, "Write shadowfit.v1.FrameResult as Protobuf JSON")
       ->type_name("RESULT.json");
   AddTimeoutOption(*command, arguments->timeout_seconds);

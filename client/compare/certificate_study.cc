@@ -5,6 +5,7 @@
 
 #include "core/fit/certify.h"
 #include "core/fit/ray_hull.h"
+#include "core/fit/single_map_fit.h"
 #include "core/fit/whitened_samples.h"
 #include "core/frame/frame_sampler.h"
 
@@ -29,11 +30,12 @@ std::optional<CertificateRecord> CertifyFit(const ViewStudy& view, const LightSt
   const RayHull hull = MakeFitHull(problem);
   if (!hull.complete) return std::nullopt;
   const WhitenedSamples whitened = Whiten(problem, hull);
+  const ShadowProjection projection = FitSingleMap(problem, options).projection;
   const std::optional<TexelGrid> grid =
-      GridOf(fit.projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));
+      GridOf(projection.texel_from_ray * glm::inverse(whitened.whitened_from_ray));
   if (!grid) return std::nullopt;
   const WhitenedSamples tangent = TangentAt(whitened, *grid);
-  const Certificate certificate = Certify(tangent, problem.map_size, options.free_aspect, fit.projection,
+  const Certificate certificate = Certify(tangent, problem.map_size, options.free_aspect, projection,
                                           {tolerance, time_limit}, Cancellation());
   return CertificateRecord{
       tolerance,          time_limit, certificate.complete, certificate.LeastGap(), certificate.MostGap(),

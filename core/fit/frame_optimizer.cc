@@ -18,6 +18,7 @@
 #include "core/fit/metric.h"
 #include "core/fit/prediction.h"
 #include "core/fit/swim.h"
+#include "core/fit/trim_shadow.h"
 #include "core/frame/for_lights.h"
 #include "core/frame/frame_sampler.h"
 
@@ -182,6 +183,22 @@ absl::Status ForEachLight(size_t count, const std::function<absl::Status(size_t)
   return failed == statuses.end() ? absl::OkStatus() : *failed;
 }
 
+/// Lets go of shadow once the maps have their sizes: what is worth its texels depends on how many there are.
+void TrimFit(const Options& options, SizedLight* light) {
+  const bool fitted = light->fit.outcome == FitOutcome::kFitted;
+  const bool has_edges = light->problem.samples->source == SampleSource::kShadowBoundary;
+  if (options.standard.hold_all_shadow || !fitted || !has_edges) return;
+  DefaultOptions knobs = options.standard;
+  // Sides that were chosen stay.
+  if (!std::holds_alternative<std::monostate>(options.sizing)) knobs.free_aspect = false;
+  LightFit& fit = light->fit;
+  std::vector<ShadowProjection> maps = {fit.projection};
+  maps.insert(maps.end(), fit.further_projections.begin(), fit.further_projections.end());
+  fit.evaluations += TrimShadow(light->problem, knobs, maps);
+  fit.projection = maps[0];
+  std::copy(maps.begin() + 1, maps.end(), fit.further_projections.begin());
+}
+
 }  // namespace
 
 struct FrameOptimizer::Workspace {
@@ -213,7 +230,11 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   }
   if (absl::Status status = CheckSizing(options.sizing); !status.ok()) return status;
   if (absl::Status status = CheckKnobs(options.standard); !status.ok()) return status;
-  const std::unique_ptr<LightMatrixMethod> method = MakeMethod(options);
+  // A tolerance is what the maps are sized for: letting go of shadow would break it, and save nothing.
+  const bool to_tolerance = std::holds_alternative<ToleranceOptions>(options.sizing);
+  Options options_here = options;
+  options_here.standard.hold_all_shadow |= to_tolerance;
+  const std::unique_ptr<LightMatrixMethod> method = MakeMethod(options_here);
 
   FrameExtent extent;
   work.sampler.Sample(*camera, request.depth, request.bits, work.ray_spaces, screen, &extent, &work.samples);
@@ -247,6 +268,8 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     problem.ray_space = &work.ray_spaces[i];
     problem.samples = &work.samples[i];
     problem.map_size = light.map_size;
+    problem.sampler = &work.sampler;
+    problem.light_in_frame = i;
     problem.cancellation = &cancellation;
     problem.nearest_ndc_depth = extent.nearest_ndc_depth;
     problem.farthest_ndc_depth = extent.farthest_ndc_depth;
@@ -276,6 +299,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   const auto describe_light = [&](size_t i) -> absl::Status {
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightSamples& samples = work.samples[i];
+    if (options.method == Method::kDefault) TrimFit(options_here, &fits[i]);
     const LightFit& fit = fits[i].fit;
     LightSummary& result = summary->lights[i];
     result.sample_source = samples.source;
@@ -305,11 +329,9 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     }
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
-      const std::vector<ShadowProjection> maps = ProjectionsOf(result);
-      result.predicted_misclassified_pixels =
-          HoldShadow(samples, maps) ? PredictMisclassifiedPixels(samples, maps)
-                                    : PredictHeldPixels(samples, maps) +
-                                          work.sampler.ShadowOutside(*camera, work.ray_spaces[i], i, maps);
+      const PredictedPixels predicted = PredictWrongPixels(fits[i].problem, ProjectionsOf(result));
+      result.predicted_misclassified_pixels = predicted.Total();
+      result.shadow_outside_pixels = predicted.outside;
     }
     if (fits[i].problem.previous != nullptr && result.further_maps.empty()) {
       result.swim_pixels = MeanSwim(samples, previous[i], result.projection);

@@ -72,7 +72,8 @@ struct LightSummary : LightMap {
 
   /// On the final screen; shadow that no map holds included.
   double predicted_misclassified_pixels = 0.0;
-  double objective = 0.0;  ///< The papers' h at the returned matrix.
+  double shadow_outside_pixels = 0.0;  ///< Of these, shadow that no map holds.
+  double objective = 0.0;              ///< The papers' h at the returned matrix.
   /// Mean motion of texel centres on the receivers since the previous frame, in pixels of the final screen
   /// (swim.h). Where the request has a previous matrix of this light, and the light one map.
   std::optional<double> swim_pixels;

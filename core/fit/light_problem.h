@@ -7,6 +7,7 @@
 #include "absl/status/statusor.h"
 #include "core/cancellation.h"
 #include "core/frame/camera.h"
+#include "core/frame/frame_sampler.h"
 #include "core/frame/light_samples.h"
 #include "core/math/light.h"
 #include "core/math/ray_space.h"
@@ -31,6 +32,11 @@ struct LightProblem {
   /// Bounds of the scene's casters and receivers where the caller gave them, of the visible part of the view
   /// frustum otherwise. Never empty.
   Bounds ws_scene_bounds;
+
+  /// What the frame was sampled by and the light's number in it: knows every pixel of the light's shadow,
+  /// where there are bits, and not only the samples. May be null: then the samples are all that is known.
+  const FrameSampler* sampler = nullptr;
+  size_t light_in_frame = 0;
 
   /// Polled between the steps of long fits, whose answer is worthless once it is requested.
   const Cancellation* cancellation = nullptr;

@@ -245,11 +245,8 @@ class Partitioner {
     }
     const std::vector<double> shares = SharesOfTexels(CostsOf(parts));
     for (size_t i = 0; i < parts.size(); ++i) {
-      const double texels = problem_.map_size.texels() * shares[i];
       const double aspect = static_cast<double>(problem_.map_size.width) / problem_.map_size.height;
-      MapSize size;
-      size.width = std::max(1, static_cast<int>(std::sqrt(texels * aspect)));
-      size.height = std::max(1, static_cast<int>(texels / size.width));
+      const MapSize size = SizeOfTexels(problem_.map_size.texels() * shares[i], aspect);
       partition.maps.push_back(Fit(parts[i].samples, size, options_));
     }
     Order(&partition.maps);

@@ -21,9 +21,11 @@ struct Sums {
   double predicted = 0.0;
 };
 
-/// The map that a ray belongs to; none where none holds it. A single map is asked for all that it sees.
-const ShadowProjection* MapOf(const glm::dvec3& ray, std::span<const ShadowProjection> projections) {
-  if (projections.size() == 1) return projections.data();
+/// The map that a ray belongs to; none where none holds it. A single map that holds the shadow whole is asked
+/// for all that it sees.
+const ShadowProjection* MapOf(const glm::dvec3& ray, std::span<const ShadowProjection> projections,
+                              bool whole) {
+  if (projections.size() == 1 && whole) return projections.data();
   for (const ShadowProjection& projection : projections) {
     if (projection.Holds(ray)) return &projection;
   }
@@ -31,7 +33,7 @@ const ShadowProjection* MapOf(const glm::dvec3& ray, std::span<const ShadowProje
 }
 
 void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples& samples,
-         std::span<const ShadowProjection> projections, MapSize screen, Sums* sums) {
+         std::span<const ShadowProjection> projections, bool whole, MapSize screen, Sums* sums) {
   const glm::dmat4 clip_rows = glm::transpose(camera.clip_from_world());
   std::vector<glm::dmat3> all_texel_rows;  // Rows of H G without its constant column.
   for (const ShadowProjection& projection : projections) {
@@ -39,7 +41,7 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
   }
   for (size_t i = 0; i < samples.size(); ++i) {
     const glm::dvec3 r = samples.Ray(i);
-    const ShadowProjection* map = MapOf(r, projections);
+    const ShadowProjection* map = MapOf(r, projections, whole);
     if (map == nullptr) continue;
     const ShadowProjection& projection = *map;
     const glm::dmat3& texel_rows = all_texel_rows[static_cast<size_t>(map - projections.data())];
@@ -69,11 +71,11 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
 }
 
 /// Share of the maps' texels that the hulls of the shadow in them cover.
-double Fill(const LightSamples& samples, std::span<const ShadowProjection> projections) {
+double Fill(const LightSamples& samples, std::span<const ShadowProjection> projections, bool whole) {
   std::vector<std::vector<glm::dvec2>> texels(projections.size());
   for (const int32_t i : HullSamples(samples, HullOf::kShadow)) {
     const glm::dvec3& r = samples.hull_rays[static_cast<size_t>(i)];
-    const ShadowProjection* map = MapOf(r, projections);
+    const ShadowProjection* map = MapOf(r, projections, whole);
     if (map == nullptr) continue;
     const glm::dvec3 u = map->TexelFromRay(r);
     if (!(u.z > 0.0) || !std::isfinite(u.x) || !std::isfinite(u.y)) continue;
@@ -133,10 +135,11 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
                       std::span<const ShadowProjection> projections, MapSize screen) {
   MapQuality quality;
   Sums sums;
-  Add(camera, ray_space, samples.boundary, projections, screen, &sums);
-  Add(camera, ray_space, samples.rough_boundary, projections, screen, &sums);
+  const bool whole = HoldShadow(samples, projections);
+  Add(camera, ray_space, samples.boundary, projections, whole, screen, &sums);
+  Add(camera, ray_space, samples.rough_boundary, projections, whole, screen, &sums);
   if (!(sums.length > 0.0)) return quality;
-  const double fill = Fill(samples, projections);
+  const double fill = Fill(samples, projections, whole);
   const double root_even = std::sqrt(sums.length / sums.per_area);
   const double unseen = UnseenFactor(samples);
   quality.predicted_pixels = unseen * sums.predicted;

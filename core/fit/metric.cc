@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/fit/metric.cc"
@@ -54,25 +55,41 @@ double FrobeniusSum(const BoundarySamples& samples, const glm::dmat3& texel_from
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
+/// |n . dx/du_k| of some samples, less a common factor, and the displacement that they make; see the header.
+struct Displacements {
+  Doubles along1, along2;
+  Doubles scale;  ///< The factor.
+  Doubles pixels;
+  hn::Mask<DoubleLanes> usable;
+};
+
+template <class Load>
+Displacements DisplacementsOf(const Load& load, const BoundarySamples& samples, const ScaledJacobians& k) {
+  const DoubleLanes d;
+  Displacements of;
+  const auto n1 = load(samples.n1);
+  const auto n2 = load(samples.n2);
+  // n^T J^-1 = n^T adj(K) w^2 / det(K).
+  of.along1 = hn::Abs(hn::Sub(hn::Mul(n1, k.k22), hn::Mul(n2, k.k21)));
+  of.along2 = hn::Abs(hn::Sub(hn::Mul(n2, k.k11), hn::Mul(n1, k.k12)));
+  const auto s = hn::Max(of.along1, of.along2);
+  const auto t = hn::Min(of.along1, of.along2);
+  const auto width =
+      hn::Add(hn::Mul(hn::Set(d, 0.25), s), hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
+  of.scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
+  of.pixels = hn::Mul(width, of.scale);
+  of.usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
+  return of;
+}
+
 /// EdgePixels of some samples' edges; see the header.
 template <class Load>
 Doubles EdgePixelsOf(const Load& load, const BoundarySamples& samples, const ScaledJacobians& k) {
   const DoubleLanes d;
-  const auto n1 = load(samples.n1);
-  const auto n2 = load(samples.n2);
-  // n^T J^-1 = n^T adj(K) w^2 / det(K).
-  const auto along1 = hn::Abs(hn::Sub(hn::Mul(n1, k.k22), hn::Mul(n2, k.k21)));
-  const auto along2 = hn::Abs(hn::Sub(hn::Mul(n2, k.k11), hn::Mul(n1, k.k12)));
-  const auto s = hn::Max(along1, along2);
-  const auto t = hn::Min(along1, along2);
-  const auto width =
-      hn::Add(hn::Mul(hn::Set(d, 0.25), s), hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 12.0), s)));
-  const auto scale = hn::Div(hn::Mul(k.w, k.w), hn::Abs(k.det));
-  const auto displacement = hn::Mul(width, scale);
-  const auto usable = hn::And(k.usable, hn::Gt(s, hn::Zero(d)));
-  const auto counted = hn::Div(hn::Mul(load(samples.length), displacement),
-                               hn::MulAdd(displacement, hn::Set(d, 1.0 / kEdgeLimit), hn::Set(d, 1.0)));
-  return hn::IfThenElseZero(usable, counted);
+  const Displacements of = DisplacementsOf(load, samples, k);
+  const auto counted = hn::Div(hn::Mul(load(samples.length), of.pixels),
+                               hn::MulAdd(of.pixels, hn::Set(d, 1.0 / kEdgeLimit), hn::Set(d, 1.0)));
+  return hn::IfThenElseZero(of.usable, counted);
 }
 
 double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
@@ -105,6 +122,47 @@ double EdgeSumOfHeld(const BoundarySamples& samples, std::span<const ShadowProje
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
+/// Writes to element `first` of the arrays and those behind it, where they have room for all samples and a
+/// vector more.
+void WriteEdges(const BoundarySamples& samples, const ShadowProjection& map, size_t first,
+                EdgesOnMap* edges) {
+  const DoubleLanes d;
+  const hn::Rebind<float, DoubleLanes> df;
+  size_t next = first;
+  ForBoundaryLanes(samples.size(), [&](const auto& load) {
+    const Doubles3 p = Times(map.texel_from_ray, load(samples.r));
+    const auto in_front = hn::Gt(p.z, hn::Zero(d));
+    const auto share = [&](Doubles v, int size) {
+      const Doubles of_size = hn::Div(v, hn::Mul(p.z, hn::Set(d, static_cast<double>(size))));
+      return hn::IfThenElse(in_front, of_size, hn::Set(d, std::numeric_limits<double>::quiet_NaN()));
+    };
+    const auto store = [&](Doubles v, std::vector<float>* to) {
+      hn::StoreU(hn::DemoteTo(df, v), df, to->data() + next);
+    };
+    store(share(p.x, map.size.width), &edges->x);
+    store(share(p.y, map.size.height), &edges->y);
+    const Displacements of = DisplacementsOf(load, samples, JacobiansOf(load, samples, map.texel_from_ray));
+    const auto one = hn::Set(d, 1.0);
+    const Doubles reduction = hn::Div(one, hn::MulAdd(of.pixels, hn::Set(d, 1.0 / kEdgeLimit), one));
+    const Doubles per_pixel = hn::IfThenElseZero(of.usable, hn::Mul(load(samples.length), reduction));
+    store(hn::Mul(per_pixel, of.pixels), &edges->pixels);
+    // d/dln along_k of s/4 + t^2 / (12 s): s/4 - t^2/(12 s) for the greater, t^2 / (6 s) for the lesser one,
+    // which add up to the whole; and d/dy of y / (1 + y/k) is 1 / (1 + y/k)^2.
+    const auto t = hn::Min(of.along1, of.along2);
+    const Doubles of_lesser =
+        hn::Mul(of.scale, hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 6.0), hn::Max(of.along1, of.along2))));
+    const Doubles of_greater = hn::Sub(of.pixels, of_lesser);
+    const auto slope = [&](hn::Mask<DoubleLanes> is_greater) {
+      const Doubles slope_of =
+          hn::Mul(hn::Mul(per_pixel, reduction), hn::IfThenElse(is_greater, of_greater, of_lesser));
+      return hn::IfThenElseZero(of.usable, slope_of);
+    };
+    store(slope(hn::Ge(of.along1, of.along2)), &edges->per_width);
+    store(slope(hn::Lt(of.along1, of.along2)), &edges->per_height);
+    next += hn::Lanes(d);
+  });
+}
+
 }  // namespace shadowfit::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -115,6 +173,7 @@ namespace {
 HWY_EXPORT(FrobeniusSum);
 HWY_EXPORT(EdgeSum);
 HWY_EXPORT(EdgeSumOfHeld);
+HWY_EXPORT(WriteEdges);
 
 /// ||J^-1||_F^2, or a negative number where the Jacobian is singular or the sample is behind the light's axis
 /// plane.
@@ -187,6 +246,19 @@ double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_r
 
 double EdgeMetricOfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> maps) {
   return HWY_DYNAMIC_DISPATCH(EdgeSumOfHeld)(samples, maps);
+}
+
+void AppendEdges(const BoundarySamples& samples, const ShadowProjection& map, EdgesOnMap* edges) {
+  constexpr size_t kMostDoubles = 8;  // Lanes of a vector.
+  const size_t first = edges->x.size();
+  const auto resize = [&](size_t size) {
+    for (std::vector<float>* lane :
+         {&edges->x, &edges->y, &edges->pixels, &edges->per_width, &edges->per_height})
+      lane->resize(size);
+  };
+  resize(first + samples.size() + kMostDoubles);
+  HWY_DYNAMIC_DISPATCH(WriteEdges)(samples, map, first, edges);
+  resize(first + samples.size());
 }
 
 }  // namespace shadowfit

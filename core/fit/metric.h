@@ -58,4 +58,17 @@ double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dma
 /// One sample's part of the metric.
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);
 
+/// Boundary samples as a map sees them, structure of arrays.
+struct EdgesOnMap {
+  std::vector<float> x;       ///< Place on the map as a share of its width; NaN behind the map.
+  std::vector<float> y;       ///< As a share of its height.
+  std::vector<float> pixels;  ///< EdgeMetricOfSample().
+  /// Its slopes along the logarithms of a texel's width and height.
+  std::vector<float> per_width;
+  std::vector<float> per_height;
+};
+
+/// Appends what a map makes of the samples.
+void AppendEdges(const BoundarySamples& samples, const ShadowProjection& map, EdgesOnMap* edges);
+
 }  // namespace shadowfit

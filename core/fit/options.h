@@ -55,10 +55,13 @@ struct DefaultOptions {
   /// many maps as it needs: at most `most_maps` where that allows several, else at most kMostMaps. False: one
   /// map holds what it can, and the fit's note says so.
   bool divide_where_needed = true;
+  /// Whether maps hold all of the light's shadow that the samples show. Else shadow is let go of, and shown
+  /// lit, where the texels that it would take are predicted to save more wrong pixels elsewhere (TrimShadow).
+  bool hold_all_shadow = false;
   /// Trades swim for wrong pixels. The previous frame's matrix, rescaled where it must be to hold this
-  /// frame's samples, stays while it is predicted to get at most this many times the pixels of a new one
-  /// wrong: a new matrix moves all texels at once, which is seen as a flicker along the edges. Finite, at
-  /// least 1; or 0: always a new one.
+  /// frame's samples, stays while it is predicted to get at most this many times the pixels wrong of a new
+  /// one that holds all of the shadow: a new matrix moves all texels at once, which is seen as a flicker
+  /// along the edges. Finite, at least 1; or 0: always a new one.
   double keep_within = 1.1;
   /// Samples by which a first look at the previous frame's matrix goes: where they already say that it may
   /// stay, nothing is searched. 0: the search always decides.

@@ -78,5 +78,16 @@ double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProj
                                   EdgeMetricOfHeld(samples.rough_boundary, projections));
 }
 
+PredictedPixels PredictWrongPixels(const LightProblem& problem,
+                                   std::span<const ShadowProjection> projections) {
+  const LightSamples& samples = *problem.samples;
+  if (problem.sampler == nullptr || HoldShadow(samples, projections)) {
+    return {PredictMisclassifiedPixels(samples, projections)};
+  }
+  return {PredictHeldPixels(samples, projections),
+          problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space, problem.light_in_frame,
+                                         projections)};
+}
+
 }  // namespace shadowfit
 #endif

@@ -2,6 +2,7 @@
 
 #include <span>
 
+#include "core/fit/light_problem.h"
 #include "core/frame/light_samples.h"
 #include "core/math/shadow_projection.h"
 
@@ -28,5 +29,15 @@ bool HoldShadow(const LightSamples& samples, std::span<const ShadowProjection> p
 /// As PredictMisclassifiedPixels(), without the samples that no map holds: to them comes the shadow that is
 /// outside all maps (FrameSampler::ShadowOutside).
 double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProjection> projections);
+
+/// What a light's maps are expected to get wrong of its frame, pixels of the final screen.
+struct PredictedPixels {
+  double at_edges = 0.0;  ///< Of what the maps hold.
+  double outside = 0.0;   ///< Of the shadow that none of them holds, which is shown lit.
+  double Total() const { return at_edges + outside; }
+};
+
+PredictedPixels PredictWrongPixels(const LightProblem& problem,
+                                   std::span<const ShadowProjection> projections);
 
 }  // namespace shadowfit

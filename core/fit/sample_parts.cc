@@ -71,4 +71,22 @@ std::vector<LightSamples> DivideByCubeFaces(const LightSamples& samples) {
   return Divide(samples, 6, CubeFace);
 }
 
+LightSamples SomeSamples(const LightSamples& samples, absl::FunctionRef<bool(const glm::dvec3&)> chosen,
+                         std::span<const uint8_t> hull_samples) {
+  LightSamples some = NoneOf(samples);
+  std::vector<size_t> indices;
+  for (BoundarySamples LightSamples::*boundary : {&LightSamples::boundary, &LightSamples::rough_boundary}) {
+    const BoundarySamples& all = samples.*boundary;
+    indices.clear();
+    for (size_t i = 0; i < all.size(); ++i) {
+      if (chosen(all.Ray(i))) indices.push_back(i);
+    }
+    some.*boundary = Some(all, indices);
+  }
+  for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
+    if (hull_samples[i] != 0) CopyHullSample(samples, i, &some);
+  }
+  return some;
+}
+
 }  // namespace shadowfit

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <cstdint>
 #include <glm/glm.hpp>
+#include <span>
 #include <vector>
 
+#include "absl/functional/function_ref.h"
 #include "core/frame/light_samples.h"
 
 namespace shadowfit {
@@ -12,5 +15,9 @@ std::vector<LightSamples> DivideByPlane(const LightSamples& samples, const glm::
 
 /// The samples in each face of a cube around the light.
 std::vector<LightSamples> DivideByCubeFaces(const LightSamples& samples);
+
+/// The boundary samples whose ray is chosen, and the hull samples that are marked by a number other than 0.
+LightSamples SomeSamples(const LightSamples& samples, absl::FunctionRef<bool(const glm::dvec3&)> chosen,
+                         std::span<const uint8_t> hull_samples);
 
 }  // namespace shadowfit

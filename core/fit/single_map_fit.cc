@@ -32,19 +32,39 @@ MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
   if (!options.free_aspect) return problem.map_size;
   const double share = previous.texels() / problem.map_size.texels();
   if (share <= 1.0 && share > 0.98) return previous;
-  const double stretch = double(previous.width) / previous.height;
-  const int width = std::max(1, static_cast<int>(std::sqrt(problem.map_size.texels() * stretch)));
-  return {width, std::max(1, static_cast<int>(problem.map_size.texels() / width))};
+  return SizeOfTexels(problem.map_size.texels(), double(previous.width) / previous.height);
 }
 
-/// The previous frame's map as it serves this frame; none where it cannot, or is not asked for.
-std::optional<ShadowProjection> RescaledPrevious(const LightProblem& problem, const DefaultOptions& options,
-                                                 std::span<const int32_t> outer_samples) {
+/// The previous frame's map as it serves this frame.
+struct ServedPrevious {
+  ShadowProjection projection;
+  double shadow_outside = 0.0;  ///< Pixels that it does not hold.
+};
+
+/// Rescaled to hold all shadow, or as it is where what it does not hold costs less than larger texels: a map
+/// that let go of some (TrimShadow) need not take it back. None where it cannot serve, or is not asked for.
+std::optional<ServedPrevious> ServePrevious(const LightProblem& problem, const DefaultOptions& options,
+                                            std::span<const int32_t> outer_samples) {
   if (problem.previous == nullptr || !(options.keep_within > 0.0)) return std::nullopt;
+  const ShadowProjection& previous = *problem.previous;
+  const LightSamples& samples = *problem.samples;
   std::vector<glm::dvec3> rays;
   rays.reserve(outer_samples.size());
-  for (const int32_t i : outer_samples) rays.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
-  return RescaleToHold(*problem.previous, KeptSize(problem, options), rays, kBorder);
+  for (const int32_t i : outer_samples) rays.push_back(samples.hull_rays[static_cast<size_t>(i)]);
+  const MapSize size = KeptSize(problem, options);
+  const std::optional<ShadowProjection> rescaled = RescaleToHold(previous, size, rays, kBorder);
+  const bool serves_as_it_is = rescaled && rescaled->texel_from_ray == previous.texel_from_ray;
+  if (!serves_as_it_is && !options.hold_all_shadow && problem.sampler != nullptr && size == previous.size &&
+      samples.source == SampleSource::kShadowBoundary) {
+    const double outside = problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space,
+                                                          problem.light_in_frame, {&previous, 1});
+    const double wrong = PredictHeldPixels(samples, {&previous, 1}) + outside;
+    if (!rescaled || wrong < PredictMisclassifiedPixels(samples, {&*rescaled, 1})) {
+      return ServedPrevious{previous, outside};
+    }
+  }
+  if (!rescaled) return std::nullopt;
+  return ServedPrevious{*rescaled};
 }
 
 /// The previous frame's axis as (alpha, beta) of whitened coordinates; none where it looks away.
@@ -65,7 +85,7 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
   const std::optional<std::vector<int32_t>> outline =
       OutlineOf(*problem.samples, problem.previous->texel_from_ray);
   if (!outline) return std::nullopt;
-  const std::optional<ShadowProjection> kept = RescaledPrevious(problem, options, *outline);
+  const std::optional<ServedPrevious> kept = ServePrevious(problem, options, *outline);
   if (!kept) return std::nullopt;
   std::vector<glm::dvec3> corners;
   corners.reserve(outline->size());
@@ -76,7 +96,7 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
 
   const WhitenedSamples some = WhitenSome(problem, hull, options.glance_samples);
   const glm::dmat3 ray_from_whitened = glm::inverse(some.whitened_from_ray);
-  const std::optional<TexelGrid> grid = GridOf(kept->texel_from_ray * ray_from_whitened);
+  const std::optional<TexelGrid> grid = GridOf(kept->projection.texel_from_ray * ray_from_whitened);
   if (!grid) return std::nullopt;
   double metric = 0.0;
   const WhitenedSamples tangent = TangentAt(some, *grid, &metric);
@@ -91,12 +111,13 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
   // And the metric is 1 + z times its tangent.
   const double cost = search.CostOf(*grid);
   const double keep = options.keep_within;
-  const double to_beat = cost / (keep + (keep - 1.0) * (metric / cost - 1.0));
+  const double outside = kept->shadow_outside / UnseenFactor(*problem.samples);
+  const double to_beat = (cost + outside) / (keep + (keep - 1.0) * (metric / cost - 1.0));
   if (!std::isfinite(to_beat)) return std::nullopt;
   SingleMapFit fit;
   fit.cost = search.Survey(PreviousAxis(problem, ray_from_whitened), to_beat);
   if (fit.cost < to_beat) return std::nullopt;
-  fit.projection = *kept;
+  fit.projection = kept->projection;
   fit.kept_previous = true;
   fit.evaluations = search.evaluations();
   return fit;
@@ -112,12 +133,13 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   AxisSearch search(probes, problem.map_size, options);
 
   SingleMapFit fit;
-  std::optional<ShadowProjection> kept;
-  if (hull.complete) kept = RescaledPrevious(problem, options, hull.shadow_samples);
+  std::optional<ServedPrevious> kept;
+  if (hull.complete) kept = ServePrevious(problem, options, hull.shadow_samples);
   double to_beat = std::numeric_limits<double>::infinity();
   if (kept) {
-    const std::optional<TexelGrid> grid = GridOf(kept->texel_from_ray * ray_from_whitened);
-    if (grid) to_beat = search.CostOf(*grid) / options.keep_within;
+    const std::optional<TexelGrid> grid = GridOf(kept->projection.texel_from_ray * ray_from_whitened);
+    const double outside = kept->shadow_outside / UnseenFactor(*problem.samples);
+    if (grid) to_beat = (search.CostOf(*grid) + outside) / options.keep_within;
     if (!std::isfinite(to_beat)) kept.reset();
   }
   fit.cost = search.Survey(PreviousAxis(problem, ray_from_whitened), to_beat);
@@ -130,10 +152,10 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
     fit.projection.texel_from_ray = WithUnitAxis(found.texel_from_whitened * probes.whitened_from_ray);
     // What the probes say of a small difference is not what all samples say.
     fit.kept_previous =
-        kept && PredictMisclassifiedPixels(*problem.samples, {&*kept, 1}) <=
+        kept && PredictMisclassifiedPixels(*problem.samples, {&kept->projection, 1}) + kept->shadow_outside <=
                     options.keep_within * PredictMisclassifiedPixels(*problem.samples, {&fit.projection, 1});
   }
-  if (fit.kept_previous) fit.projection = *kept;
+  if (fit.kept_previous) fit.projection = kept->projection;
 
   fit.complete = hull.complete;
   // Sums of costs stay finite.

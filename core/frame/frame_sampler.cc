@@ -14,6 +14,7 @@
 #include "core/frame/pixel_scan.h"
 #include "core/frame/pixel_surfaces.h"
 #include "core/frame/sample_rays.h"
+#include "core/frame/shadow_outside.h"
 #include "core/frame/visible_pixels.h"
 
 namespace shadowfit {
@@ -199,29 +200,15 @@ double FrameSampler::ShadowOutside(const Camera& camera, const RaySpace& ray_spa
   const Workspace& work = *workspace_;
   const PixelPlanes& planes = work.planes;
   LaneList<int32_t> shadowed;
-  for (int y = 0; y < planes.height; ++y) {
-    for (int x = 0; x < planes.width; ++x) {
-      const std::ptrdiff_t i = planes.Index(x, y);
-      if (planes.Visible(i) && (planes.bits[static_cast<size_t>(i)] >> light & 1) != 0) {
-        shadowed.Append(static_cast<int32_t>(i));
-      }
-    }
-  }
+  FindShadowOutside(camera, planes, uint32_t{1} << light, ray_space, projections, &shadowed);
   shadowed.Pad(static_cast<int32_t>(planes.Index(0, 0)));
   PixelSurfaces surfaces;
   UnprojectPixels(camera, planes, work.tolerance, shadowed, &surfaces);
   LightPixels pixels;
   LaneList<int32_t> lit;
   FindLitPixels(surfaces, ray_space, &pixels, &lit);
-  size_t outside = 0;
   // Those that face away are dark without any map.
-  for (size_t i = 0; i < pixels.hull.size(); ++i) {
-    const auto place = static_cast<size_t>(pixels.hull[i]);
-    const glm::dvec3 ray = ray_space.RayFromPoint(surfaces.ws_position[place]);
-    const auto holds = [&](const ShadowProjection& map) { return map.Holds(ray); };
-    if (std::none_of(projections.begin(), projections.end(), holds)) ++outside;
-  }
-  return static_cast<double>(outside) * work.pixels_per_sample.x * work.pixels_per_sample.y;
+  return static_cast<double>(pixels.hull.size()) * work.pixels_per_sample.x * work.pixels_per_sample.y;
 }
 
 }  // namespace shadowfit

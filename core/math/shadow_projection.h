@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <glm/glm.hpp>
 
 #include "core/math/clip_space.h"
@@ -14,6 +16,12 @@ struct MapSize {
   double texels() const { return double(width) * double(height); }
   friend bool operator==(const MapSize&, const MapSize&) = default;
 };
+
+/// The whole sides of a map of at most so many texels (one at least) and about this ratio of width to height.
+inline MapSize SizeOfTexels(double texels, double aspect) {
+  const int width = std::max(1, static_cast<int>(std::sqrt(texels * aspect)));
+  return {width, std::max(1, static_cast<int>(texels / width))};
+}
 
 /// What a map's width or height is rounded to.
 enum class SizeRounding {

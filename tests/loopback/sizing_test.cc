@@ -145,7 +145,8 @@ TEST_F(Sizing, TheReportsFactorsMakeThePrediction) {
     const v1::MapQuality& q = light.quality();
     const double product =
         q.unit_pixels() * q.perspective() * q.projection() * q.fit() * q.budget() * q.saturation();
-    EXPECT_NEAR(product, light.predicted_misclassified_pixels(), 1e-6 * product);
+    EXPECT_NEAR(product, light.predicted_misclassified_pixels() - light.shadow_outside_pixels(),
+                1e-6 * product);
     EXPECT_GE(q.perspective(), 1.0 - 1e-9);
     EXPECT_GE(q.fit(), 1.0 - 1e-9);
     EXPECT_LE(q.saturation(), 1.0);

@@ -20,9 +20,11 @@ using testing::OwnedFrame;
 using ::testing::StartsWith;
 using testing::Uniform;
 
+/// Maps hold all that they are given: what they may let go of has its own tests (trim_shadow_test.cc).
 Options WithMethod(Method method) {
   Options options;
   options.method = method;
+  options.standard.hold_all_shadow = true;
   return options;
 }
 

@@ -37,7 +37,11 @@ struct Sampled {
                             testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 80, 80,
                             {testing::RandomLight(random, 1)});
     FrameSummary summary;
-    if (!FrameOptimizer().Optimize(frame.request, {}, Cancellation(), &summary).ok()) return std::nullopt;
+    Options options;
+    options.standard.hold_all_shadow = true;
+    if (!FrameOptimizer().Optimize(frame.request, options, Cancellation(), &summary).ok()) {
+      return std::nullopt;
+    }
     const LightSummary& light = summary.lights[0];
     if (light.sample_source != SampleSource::kShadowBoundary || !light.further_maps.empty() ||
         light.outcome != FitOutcome::kFitted) {

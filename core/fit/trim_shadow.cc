@@ -1,0 +1,350 @@
+#include "core/fit/trim_shadow.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "core/fit/metric.h"
+#include "core/fit/prediction.h"
+#include "core/fit/sample_parts.h"
+#include "core/fit/single_map_fit.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/fit/trim_shadow.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "core/math/double_lanes-inl.h"
+
+#ifndef SHADOWFIT_FIT_TRIM_SHADOW_ONCE
+#define SHADOWFIT_FIT_TRIM_SHADOW_ONCE
+namespace shadowfit {
+
+/// Where hull samples lie on a map, as shares of its width (x) and height (y): their middles, and the least
+/// and the greatest of these and of their footprints' corners. Of what is behind the map all are NaN.
+struct PlacesOnMap {
+  static constexpr int kFields = 3;
+  enum Field { kMiddle, kLow, kHigh };
+  std::array<std::vector<float>, kFields> x;
+  std::array<std::vector<float>, kFields> y;
+};
+
+}  // namespace shadowfit
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace shadowfit::HWY_NAMESPACE {
+
+/// Fills arrays that have room for a vector beyond the samples.
+void FindPlaces(const LightSamples& samples, const ShadowProjection& map, PlacesOnMap* places) {
+  const DoubleLanes d;
+  const hn::Rebind<float, DoubleLanes> df;
+  const size_t lanes = hn::Lanes(d);
+  const size_t count = samples.hull_rays.size();
+  const auto half = hn::Set(d, 0.5);
+  const auto nothing = hn::Set(d, std::numeric_limits<double>::quiet_NaN());
+  const auto one = hn::Set(d, 1.0);
+  glm::dmat3 share_from_texel(1.0);
+  share_from_texel[0][0] = 1.0 / map.size.width;
+  share_from_texel[1][1] = 1.0 / map.size.height;
+  const glm::dmat3 share_from_ray = share_from_texel * map.texel_from_ray;
+  for (size_t next = 0; next < count; next += lanes) {
+    // The last vector has some samples of the one before again.
+    const size_t i = std::min(next, count - lanes);
+    const auto mapped = [&](const std::vector<glm::dvec3>& rays) {
+      return Times(share_from_ray, LoadPoints(&rays[i].x));
+    };
+    const Doubles3 h = mapped(samples.hull_rays);
+    const Doubles3 d1 = Scaled(mapped(samples.hull_rays_dx1), half);
+    const Doubles3 d2 = Scaled(mapped(samples.hull_rays_dx2), half);
+    const Doubles3 corners[4] = {Minus(Minus(h, d1), d2), Plus(Minus(h, d1), d2), Minus(Plus(h, d1), d2),
+                                 Plus(Plus(h, d1), d2)};
+    auto in_front = hn::Gt(h.z, hn::Zero(d));
+    const auto per_w = [&](const Doubles3& v) { return hn::Div(one, v.z); };
+    const Doubles inverse_w = per_w(h);
+    const Doubles x = hn::Mul(h.x, inverse_w);
+    const Doubles y = hn::Mul(h.y, inverse_w);
+    Doubles low_x = x;
+    Doubles high_x = x;
+    Doubles low_y = y;
+    Doubles high_y = y;
+    for (const Doubles3& corner : corners) {
+      in_front = hn::And(in_front, hn::Gt(corner.z, hn::Zero(d)));
+      const Doubles corner_inverse_w = per_w(corner);
+      const Doubles corner_x = hn::Mul(corner.x, corner_inverse_w);
+      const Doubles corner_y = hn::Mul(corner.y, corner_inverse_w);
+      low_x = hn::Min(low_x, corner_x);
+      high_x = hn::Max(high_x, corner_x);
+      low_y = hn::Min(low_y, corner_y);
+      high_y = hn::Max(high_y, corner_y);
+    }
+    const auto store = [&](Doubles v, std::vector<float>* to) {
+      hn::StoreU(hn::DemoteTo(df, hn::IfThenElse(in_front, v, nothing)), df, to->data() + i);
+    };
+    store(x, &places->x[PlacesOnMap::kMiddle]);
+    store(low_x, &places->x[PlacesOnMap::kLow]);
+    store(high_x, &places->x[PlacesOnMap::kHigh]);
+    store(y, &places->y[PlacesOnMap::kMiddle]);
+    store(low_y, &places->y[PlacesOnMap::kLow]);
+    store(high_y, &places->y[PlacesOnMap::kHigh]);
+  }
+}
+
+}  // namespace shadowfit::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace shadowfit {
+namespace {
+
+HWY_EXPORT(FindPlaces);
+
+/// A cut that is worth a change of all texels, as a share of the pixels that are predicted to be wrong.
+constexpr double kLeastTrimGain = 0.005;
+
+/// Cuts of one map; each takes a fit.
+constexpr int kMostCuts = 4;
+
+/// The share of a map that a cut may take, and the bins of places by which it is chosen.
+constexpr float kWidestCut = 0.5f;
+constexpr size_t kBins = 48;
+
+/// Fewer samples than this are all needed; at least the lanes of a vector.
+constexpr size_t kFewest = 32;
+
+/// A side of a map moved inwards.
+struct Cut {
+  bool along_x = true;  ///< The side bounds x; y otherwise.
+  bool from_low = true;
+  float share = 0.0f;  ///< Of the map's width or height.
+  double gain = 0.0;   ///< Pixels, roughly.
+};
+
+/// The map that a cut leaves.
+ShadowProjection Apply(const Cut& cut, const ShadowProjection& map) {
+  const glm::length_t axis = cut.along_x ? 0 : 1;
+  const double length = cut.along_x ? map.size.width : map.size.height;
+  const double scale = 1.0 / (1.0 - static_cast<double>(cut.share));
+  glm::dmat3 cut_from_texel(1.0);
+  cut_from_texel[axis][axis] = scale;
+  if (cut.from_low) cut_from_texel[2][axis] = -scale * static_cast<double>(cut.share) * length;
+  return {cut_from_texel * map.texel_from_ray, map.size};
+}
+
+/// One map and the samples that it has.
+class Trimmer {
+ public:
+  Trimmer(const LightProblem& problem, const DefaultOptions& options, std::span<ShadowProjection> maps,
+          size_t which)
+      : problem_(problem),
+        options_(options),
+        maps_(maps),
+        map_(maps[which]),
+        requested_size_(problem.map_size),
+        samples_(problem.samples),
+        stays_(problem.samples->hull_in_shadow) {
+    // The map as it is has the valley; a cut moves its floor.
+    options_.most_maps = 1;
+    options_.keep_within = 0.0;
+    options_.glance_samples = 0;
+    options_.search_directions = 2;
+    options_.starts = 1;
+    options_.descents = 1;
+    options_.evaluations_to_polish = 10;
+    if (maps_.size() == 1) return;
+    const double aspect = static_cast<double>(problem_.map_size.width) / problem_.map_size.height;
+    requested_size_ = SizeOfTexels(map_.size.texels(), aspect);
+    KeepSamples([&](const glm::dvec3& ray) {
+      const auto holds = [&](const ShadowProjection& map) { return map.Holds(ray); };
+      return map_.Holds(ray) &&
+             std::none_of(maps.begin(), maps.begin() + static_cast<std::ptrdiff_t>(which), holds);
+    });
+  }
+
+  /// Returns what the maps are predicted to get wrong, which is `predicted` before.
+  double Trim(double predicted) {
+    // What earlier maps hold this one need not.
+    if (maps_.size() > 1) FitToWhatIsLeft(&predicted);
+    for (int cuts = 0; cuts < kMostCuts && samples_->hull_rays.size() >= kFewest; ++cuts) {
+      if (IsCancelled(problem_.cancellation)) break;
+      const Cut cut = BestCut();
+      if (!(cut.gain > kLeastTrimGain * predicted) || !Make(cut, &predicted)) break;
+      FitToWhatIsLeft(&predicted);
+    }
+    return predicted;
+  }
+
+  int evaluations() const { return evaluations_; }
+
+ private:
+  Cut BestCut() {
+    const size_t count = samples_->hull_rays.size();
+    for (auto* fields : {&places_.x, &places_.y}) {
+      for (std::vector<float>& field : *fields) field.resize(count);
+    }
+    HWY_DYNAMIC_DISPATCH(FindPlaces)(*samples_, map_, &places_);
+    edges_ = {};
+    AppendEdges(samples_->boundary, map_, &edges_);
+    AppendEdges(samples_->rough_boundary, map_, &edges_);
+    Cut best;
+    for (const bool along_x : {true, false}) {
+      for (const Cut& cut : BestCutsAlong(along_x)) {
+        if (cut.gain > best.gain) best = cut;
+      }
+    }
+    return best;
+  }
+
+  /// Of the low and of the high side. What a cut lets go of, for every place of it, is added up by bins.
+  std::array<Cut, 2> BestCutsAlong(bool along_x) const {
+    std::array<std::array<Bin, kBins>, 2> sides{};
+    const auto bin_at = [&](float place) -> Bin& {
+      return place < 0.5f ? sides[0][BinOf(place)] : sides[1][BinOf(1.0f - place)];
+    };
+    const auto& fields = along_x ? places_.x : places_.y;
+    const std::vector<float>& low = fields[PlacesOnMap::kLow];
+    const std::vector<float>& high = fields[PlacesOnMap::kHigh];
+    const std::vector<float>& middle = fields[PlacesOnMap::kMiddle];
+    for (size_t i = 0; i < middle.size(); ++i) {
+      if (stays_[i] == 0 || !IsOnMap(middle[i])) continue;
+      float& nearest_low = sides[0][BinOf(low[i])].nearest_footprint;
+      nearest_low = std::min(nearest_low, low[i]);
+      float& nearest_high = sides[1][BinOf(1.0f - high[i])].nearest_footprint;
+      nearest_high = std::min(nearest_high, 1.0f - high[i]);
+      bin_at(middle[i]).samples += 1.0f;
+    }
+    const std::vector<float>& slopes = along_x ? edges_.per_width : edges_.per_height;
+    const std::vector<float>& places = along_x ? edges_.x : edges_.y;
+    float all_slopes = 0.0f;
+    for (size_t i = 0; i < slopes.size(); ++i) {
+      if (!IsOnMap(edges_.x[i]) || !IsOnMap(edges_.y[i])) continue;
+      Bin& bin = bin_at(places[i]);
+      bin.edge_pixels += edges_.pixels[i];
+      bin.slopes += slopes[i];
+      all_slopes += slopes[i];
+    }
+    return {BestCutOf(sides[0], all_slopes, {along_x, true}),
+            BestCutOf(sides[1], all_slopes, {along_x, false})};
+  }
+
+  /// What lies at about one distance from a side.
+  struct Bin {
+    float nearest_footprint = kWidestCut;
+    float samples = 0.0f;
+    float edge_pixels = 0.0f;
+    float slopes = 0.0f;  ///< Of the edges' pixels along the logarithm of texels' width.
+  };
+
+  /// Four bins to each factor of two, the last for all from kWidestCut on: by the leading bits of a float.
+  static size_t BinOf(float share) {
+    constexpr int kShift = 21;  // Of a mantissa of 23 bits.
+    const int last = std::bit_cast<int32_t>(kWidestCut) >> kShift;
+    const int bin =
+        static_cast<int>(kBins) - 1 - last + (std::bit_cast<int32_t>(std::max(share, 0.0f)) >> kShift);
+    return static_cast<size_t>(std::clamp(bin, 0, static_cast<int>(kBins) - 1));
+  }
+
+  /// False for NaN.
+  static bool IsOnMap(float share) { return share >= 0.0f && share <= 1.0f; }
+
+  Cut BestCutOf(const std::array<Bin, kBins>& bins, float slopes, Cut best) const {
+    const double unseen = UnseenFactor(*samples_);
+    double saved = 0.0;
+    for (const Bin& bin : bins) {
+      // Lets go of what is in the bins before this one.
+      const float share = bin.nearest_footprint;
+      const double gain = saved + unseen * static_cast<double>(share * slopes);
+      if (share < kWidestCut && gain > best.gain) {
+        best.gain = gain;
+        best.share = share;
+      }
+      slopes -= bin.slopes;
+      saved += unseen * static_cast<double>(bin.edge_pixels) -
+               samples_->pixels_per_sample * static_cast<double>(bin.samples);
+    }
+    return best;
+  }
+
+  /// Whether a cut is better; it then is made.
+  bool Make(const Cut& cut, double* predicted) {
+    const ShadowProjection uncut = map_;
+    map_ = Apply(cut, uncut);
+    const double now = PredictWrongPixels(problem_, maps_).Total();
+    if (!(now < (1.0 - kLeastTrimGain) * *predicted)) {
+      map_ = uncut;
+      return false;
+    }
+    *predicted = now;
+    const auto& fields = cut.along_x ? places_.x : places_.y;
+    const std::vector<float>& outermost = fields[cut.from_low ? PlacesOnMap::kLow : PlacesOnMap::kHigh];
+    for (size_t i = 0; i < stays_.size(); ++i) {
+      const float share = cut.from_low ? outermost[i] : 1.0f - outermost[i];
+      if (!(share >= cut.share)) stays_[i] = 0;
+    }
+    return true;
+  }
+
+  /// A new map in the place of one whose sides were cut, where it is better.
+  void FitToWhatIsLeft(double* predicted) {
+    KeepSamples([&](const glm::dvec3& ray) { return map_.Holds(ray); });
+    if (samples_->hull_rays.empty()) return;
+    const ShadowProjection cut_map = map_;
+    LightProblem problem = problem_;
+    problem.samples = samples_;
+    problem.previous = &cut_map;
+    problem.map_size = options_.free_aspect ? requested_size_ : cut_map.size;
+    const SingleMapFit fit = FitSingleMap(problem, options_);
+    evaluations_ += fit.evaluations;
+    // Where no map is of use for what is left, a further cut may help, and the cut map leads there.
+    if (!fit.usable) return;
+    map_ = fit.projection;
+    const double now = PredictWrongPixels(problem_, maps_).Total();
+    if (now < *predicted) {
+      *predicted = now;
+    } else {
+      map_ = cut_map;
+    }
+  }
+
+  /// Leaves the boundary samples whose ray is chosen, and those of the hull that stay and are.
+  void KeepSamples(absl::FunctionRef<bool(const glm::dvec3&)> chosen) {
+    LightSamples kept = SomeSamples(*samples_, chosen, stays_);
+    own_samples_ = std::move(kept);
+    samples_ = &own_samples_;
+    stays_.assign(own_samples_.hull_rays.size(), 1);
+  }
+
+  const LightProblem& problem_;
+  DefaultOptions options_;
+  std::span<ShadowProjection> maps_;
+  ShadowProjection& map_;   ///< One of them.
+  MapSize requested_size_;  ///< Before the aspect is chosen.
+  const LightSamples* samples_;
+  LightSamples own_samples_;    ///< Those, where they are not the light's.
+  std::vector<uint8_t> stays_;  ///< Of the hull samples: in shadow, and not let go of.
+  PlacesOnMap places_;
+  EdgesOnMap edges_;
+  int evaluations_ = 0;
+};
+
+}  // namespace
+
+int TrimShadow(const LightProblem& problem, const DefaultOptions& options, std::span<ShadowProjection> maps) {
+  double predicted = PredictWrongPixels(problem, maps).Total();
+  int evaluations = 0;
+  for (size_t k = 0; k < maps.size(); ++k) {
+    Trimmer trimmer(problem, options, maps, k);
+    predicted = trimmer.Trim(predicted);
+    evaluations += trimmer.evaluations();
+  }
+  return evaluations;
+}
+
+}  // namespace shadowfit
+#endif
