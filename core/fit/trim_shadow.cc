@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstdint>
 #include <limits>
-#include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/functional/function_ref.h"
@@ -26,13 +25,13 @@
 #define SHADOWFIT_FIT_TRIM_SHADOW_ONCE
 namespace shadowfit {
 
-/// Where hull samples lie on a map, as shares of its width (x) and height (y): their middles, and the least
-/// and the greatest of these and of their footprints' corners. Of what is behind the map all are NaN.
-struct PlacesOnMap {
-  static constexpr int kFields = 3;
-  enum Field { kMiddle, kLow, kHigh };
-  std::array<std::vector<float>, kFields> x;
-  std::array<std::vector<float>, kFields> y;
+/// From where to where hull samples' footprints reach on a map, as shares of its width (x) and height (y). Of
+/// what is behind the map all are NaN.
+struct Reaches {
+  std::vector<float> low_x;
+  std::vector<float> high_x;
+  std::vector<float> low_y;
+  std::vector<float> high_y;
 };
 
 }  // namespace shadowfit
@@ -41,8 +40,8 @@ struct PlacesOnMap {
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
 
-/// Fills arrays that have room for a vector beyond the samples.
-void FindPlaces(const LightSamples& samples, const ShadowProjection& map, PlacesOnMap* places) {
+/// Of at least a vector of samples.
+void FindReaches(const LightSamples& samples, const ShadowProjection& map, Reaches* reaches) {
   const DoubleLanes d;
   const hn::Rebind<float, DoubleLanes> df;
   const size_t lanes = hn::Lanes(d);
@@ -87,12 +86,10 @@ void FindPlaces(const LightSamples& samples, const ShadowProjection& map, Places
     const auto store = [&](Doubles v, std::vector<float>* to) {
       hn::StoreU(hn::DemoteTo(df, hn::IfThenElse(in_front, v, nothing)), df, to->data() + i);
     };
-    store(x, &places->x[PlacesOnMap::kMiddle]);
-    store(low_x, &places->x[PlacesOnMap::kLow]);
-    store(high_x, &places->x[PlacesOnMap::kHigh]);
-    store(y, &places->y[PlacesOnMap::kMiddle]);
-    store(low_y, &places->y[PlacesOnMap::kLow]);
-    store(high_y, &places->y[PlacesOnMap::kHigh]);
+    store(low_x, &reaches->low_x);
+    store(high_x, &reaches->high_x);
+    store(low_y, &reaches->low_y);
+    store(high_y, &reaches->high_y);
   }
 }
 
@@ -103,7 +100,7 @@ HWY_AFTER_NAMESPACE();
 namespace shadowfit {
 namespace {
 
-HWY_EXPORT(FindPlaces);
+HWY_EXPORT(FindReaches);
 
 /// A cut that is worth a change of all texels, as a share of the pixels that are predicted to be wrong.
 constexpr double kLeastTrimGain = 0.005;
@@ -158,6 +155,9 @@ class Trimmer {
     options_.descents = 1;
     options_.evaluations_to_polish = 10;
     if (maps_.size() == 1) return;
+    for (const ShadowProjection& map : maps_) {
+      if (&map != &map_) others_.push_back(map);
+    }
     const double aspect = static_cast<double>(problem_.map_size.width) / problem_.map_size.height;
     requested_size_ = SizeOfTexels(map_.size.texels(), aspect);
     KeepSamples([&](const glm::dvec3& ray) {
@@ -185,13 +185,15 @@ class Trimmer {
  private:
   Cut BestCut() {
     const size_t count = samples_->hull_rays.size();
-    for (auto* fields : {&places_.x, &places_.y}) {
-      for (std::vector<float>& field : *fields) field.resize(count);
+    for (std::vector<float>* ends : {&reaches_.low_x, &reaches_.high_x, &reaches_.low_y, &reaches_.high_y}) {
+      ends->resize(count);
     }
-    HWY_DYNAMIC_DISPATCH(FindPlaces)(*samples_, map_, &places_);
+    HWY_DYNAMIC_DISPATCH(FindReaches)(*samples_, map_, &reaches_);
     edges_ = {};
     AppendEdges(samples_->boundary, map_, &edges_);
     AppendEdges(samples_->rough_boundary, map_, &edges_);
+    pixels_per_place_ = problem_.sampler->PlacesOfShadow(*problem_.camera, *problem_.ray_space,
+                                                         problem_.light_in_frame, map_, others_, &shadow_);
     Cut best;
     for (const bool along_x : {true, false}) {
       for (const Cut& cut : BestCutsAlong(along_x)) {
@@ -204,27 +206,29 @@ class Trimmer {
   /// Of the low and of the high side. What a cut lets go of, for every place of it, is added up by bins.
   std::array<Cut, 2> BestCutsAlong(bool along_x) const {
     std::array<std::array<Bin, kBins>, 2> sides{};
-    const auto bin_at = [&](float place) -> Bin& {
-      return place < 0.5f ? sides[0][BinOf(place)] : sides[1][BinOf(1.0f - place)];
+    const std::vector<float>& low = along_x ? reaches_.low_x : reaches_.low_y;
+    const std::vector<float>& high = along_x ? reaches_.high_x : reaches_.high_y;
+    const auto lies = [&](size_t side, float share) -> Bin& {
+      Bin& bin = sides[side][BinOf(share)];
+      bin.nearest = std::min(bin.nearest, share);
+      return bin;
     };
-    const auto& fields = along_x ? places_.x : places_.y;
-    const std::vector<float>& low = fields[PlacesOnMap::kLow];
-    const std::vector<float>& high = fields[PlacesOnMap::kHigh];
-    const std::vector<float>& middle = fields[PlacesOnMap::kMiddle];
-    for (size_t i = 0; i < middle.size(); ++i) {
-      if (stays_[i] == 0 || !IsOnMap(middle[i])) continue;
-      float& nearest_low = sides[0][BinOf(low[i])].nearest_footprint;
-      nearest_low = std::min(nearest_low, low[i]);
-      float& nearest_high = sides[1][BinOf(1.0f - high[i])].nearest_footprint;
-      nearest_high = std::min(nearest_high, 1.0f - high[i]);
-      bin_at(middle[i]).samples += 1.0f;
+    for (size_t i = 0; i < low.size(); ++i) {
+      if (stays_[i] == 0) continue;
+      lies(0, low[i]);
+      lies(1, 1.0f - high[i]);
+    }
+    const LaneList<float>& shadow = along_x ? shadow_.x : shadow_.y;
+    for (size_t i = 0; i < shadow.size(); ++i) {
+      const float place = shadow[i];
+      (place < 0.5f ? lies(0, place) : lies(1, 1.0f - place)).shadow += 1.0f;
     }
     const std::vector<float>& slopes = along_x ? edges_.per_width : edges_.per_height;
     const std::vector<float>& places = along_x ? edges_.x : edges_.y;
     float all_slopes = 0.0f;
     for (size_t i = 0; i < slopes.size(); ++i) {
       if (!IsOnMap(edges_.x[i]) || !IsOnMap(edges_.y[i])) continue;
-      Bin& bin = bin_at(places[i]);
+      Bin& bin = places[i] < 0.5f ? sides[0][BinOf(places[i])] : sides[1][BinOf(1.0f - places[i])];
       bin.edge_pixels += edges_.pixels[i];
       bin.slopes += slopes[i];
       all_slopes += slopes[i];
@@ -235,8 +239,8 @@ class Trimmer {
 
   /// What lies at about one distance from a side.
   struct Bin {
-    float nearest_footprint = kWidestCut;
-    float samples = 0.0f;
+    float nearest = kWidestCut;  ///< Of the footprints and of the shadow's places.
+    float shadow = 0.0f;         ///< Places.
     float edge_pixels = 0.0f;
     float slopes = 0.0f;  ///< Of the edges' pixels along the logarithm of texels' width.
   };
@@ -253,20 +257,24 @@ class Trimmer {
   /// False for NaN.
   static bool IsOnMap(float share) { return share >= 0.0f && share <= 1.0f; }
 
-  Cut BestCutOf(const std::array<Bin, kBins>& bins, float slopes, Cut best) const {
+  Cut BestCutOf(std::array<Bin, kBins> bins, float slopes, Cut best) const {
+    // A side may move to what is nearest of all that stays.
+    for (size_t k = kBins - 1; k > 0; --k) {
+      bins[k - 1].nearest = std::min(bins[k - 1].nearest, bins[k].nearest);
+    }
     const double unseen = UnseenFactor(*samples_);
     double saved = 0.0;
     for (const Bin& bin : bins) {
       // Lets go of what is in the bins before this one.
-      const float share = bin.nearest_footprint;
+      const float share = bin.nearest;
       const double gain = saved + unseen * static_cast<double>(share * slopes);
-      if (share < kWidestCut && gain > best.gain) {
+      if (gain > best.gain) {
         best.gain = gain;
         best.share = share;
       }
       slopes -= bin.slopes;
-      saved += unseen * static_cast<double>(bin.edge_pixels) -
-               samples_->pixels_per_sample * static_cast<double>(bin.samples);
+      saved +=
+          unseen * static_cast<double>(bin.edge_pixels) - pixels_per_place_ * static_cast<double>(bin.shadow);
     }
     return best;
   }
@@ -281,10 +289,10 @@ class Trimmer {
       return false;
     }
     *predicted = now;
-    const auto& fields = cut.along_x ? places_.x : places_.y;
-    const std::vector<float>& outermost = fields[cut.from_low ? PlacesOnMap::kLow : PlacesOnMap::kHigh];
+    const std::vector<float>& low = cut.along_x ? reaches_.low_x : reaches_.low_y;
+    const std::vector<float>& high = cut.along_x ? reaches_.high_x : reaches_.high_y;
     for (size_t i = 0; i < stays_.size(); ++i) {
-      const float share = cut.from_low ? outermost[i] : 1.0f - outermost[i];
+      const float share = cut.from_low ? low[i] : 1.0f - high[i];
       if (!(share >= cut.share)) stays_[i] = 0;
     }
     return true;
@@ -312,8 +320,11 @@ class Trimmer {
     }
   }
 
-  /// Leaves the boundary samples whose ray is chosen, and those of the hull that stay and are.
+  /// Leaves the samples whose ray is chosen, of the hull those that stay.
   void KeepSamples(absl::FunctionRef<bool(const glm::dvec3&)> chosen) {
+    for (size_t i = 0; i < stays_.size(); ++i) {
+      if (stays_[i] != 0 && !chosen(samples_->hull_rays[i])) stays_[i] = 0;
+    }
     LightSamples kept = SomeSamples(*samples_, chosen, stays_);
     own_samples_ = std::move(kept);
     samples_ = &own_samples_;
@@ -323,13 +334,16 @@ class Trimmer {
   const LightProblem& problem_;
   DefaultOptions options_;
   std::span<ShadowProjection> maps_;
-  ShadowProjection& map_;   ///< One of them.
+  ShadowProjection& map_;  ///< One of them.
+  std::vector<ShadowProjection> others_;
   MapSize requested_size_;  ///< Before the aspect is chosen.
   const LightSamples* samples_;
   LightSamples own_samples_;    ///< Those, where they are not the light's.
   std::vector<uint8_t> stays_;  ///< Of the hull samples: in shadow, and not let go of.
-  PlacesOnMap places_;
+  Reaches reaches_;
   EdgesOnMap edges_;
+  ShadowPlaces shadow_;
+  double pixels_per_place_ = 0.0;
   int evaluations_ = 0;
 };
 

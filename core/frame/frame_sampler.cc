@@ -211,4 +211,12 @@ double FrameSampler::ShadowOutside(const Camera& camera, const RaySpace& ray_spa
   return static_cast<double>(pixels.hull.size()) * work.pixels_per_sample.x * work.pixels_per_sample.y;
 }
 
+double FrameSampler::PlacesOfShadow(const Camera& camera, const RaySpace& ray_space, size_t light,
+                                    const ShadowProjection& projection,
+                                    std::span<const ShadowProjection> others, ShadowPlaces* places) const {
+  const Workspace& work = *workspace_;
+  PlaceShadow(camera, work.planes, uint32_t{1} << light, ray_space, projection, others, places);
+  return kShadowRowStep * work.pixels_per_sample.x * work.pixels_per_sample.y;
+}
+
 }  // namespace shadowfit

@@ -8,6 +8,7 @@
 #include "core/frame/camera.h"
 #include "core/frame/images.h"
 #include "core/frame/light_samples.h"
+#include "core/frame/shadow_outside.h"
 #include "core/math/ray_space.h"
 #include "core/math/shadow_projection.h"
 
@@ -37,10 +38,15 @@ class FrameSampler {
               std::vector<LightSamples>* samples);
 
   /// Pixels of the final screen that a light leaves in shadow and none of its maps holds, which a renderer
-  /// shows lit. Of the frame that was sampled last, with its bits; `light` is its bit's number. Takes as long
-  /// as to sample the light.
+  /// shows lit. Of the frame that was sampled last, with its bits; `light` is its bit's number.
   double ShadowOutside(const Camera& camera, const RaySpace& ray_space, size_t light,
                        std::span<const ShadowProjection> projections) const;
+
+  /// Where the light's shadow lies on a map: see PlaceShadow(). Each place stands for as many pixels of the
+  /// final screen as are returned.
+  double PlacesOfShadow(const Camera& camera, const RaySpace& ray_space, size_t light,
+                        const ShadowProjection& projection, std::span<const ShadowProjection> others,
+                        ShadowPlaces* places) const;
 
  private:
   struct Workspace;

@@ -21,4 +21,17 @@ void FindShadowOutside(const Camera& camera, const PixelPlanes& planes, uint32_t
                        const RaySpace& ray_space, std::span<const ShadowProjection> projections,
                        LaneList<int32_t>* outside);
 
+/// Where pixels in shadow lie on a map, as shares of its width and height.
+struct ShadowPlaces {
+  LaneList<float> x;
+  LaneList<float> y;
+};
+
+/// Of the pixels that a map holds and none of the others does: those of every kShadowRowStep-th row.
+void PlaceShadow(const Camera& camera, const PixelPlanes& planes, uint32_t light_bit,
+                 const RaySpace& ray_space, const ShadowProjection& projection,
+                 std::span<const ShadowProjection> others, ShadowPlaces* places);
+
+inline constexpr int kShadowRowStep = 2;
+
 }  // namespace shadowfit

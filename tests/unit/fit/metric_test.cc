@@ -182,6 +182,39 @@ TEST(Metrics, AddUpWhatTheirDefinitionsGiveForEachSample) {
   }
 }
 
+TEST(EdgeMetric, IsKnownEdgeByEdgeWithItsSlopesAlongATexelsSides) {
+  std::mt19937 random(14);
+  for (int trial = 0; trial < 300; ++trial) {
+    const Configuration c = RandomConfiguration(random, trial % 3);
+    const BoundarySamples samples = c.Samples();
+    const ShadowProjection map{c.texel_from_ray, {320, 200}};
+    EdgesOnMap edges;
+    AppendEdges(samples, map, &edges);
+    AppendEdges(samples, map, &edges);
+    ASSERT_EQ(edges.x.size(), 2 * samples.size());
+    // A texel is wider by e^step where the map has as many fewer texels to the same width.
+    const double step = 1e-4;
+    const auto pixels_with = [&](size_t i, double width, double height) {
+      glm::dmat3 resized(1.0);
+      resized[0][0] = std::exp(-width);
+      resized[1][1] = std::exp(-height);
+      return EdgeMetricOfSample(samples, i, resized * c.texel_from_ray);
+    };
+    for (size_t k = 0; k < edges.x.size(); ++k) {
+      const size_t i = k % samples.size();
+      const glm::dvec3 u = map.TexelFromRay(samples.Ray(i));
+      EXPECT_NEAR(edges.x[k], u.x / 320.0, 1e-5 * (1.0 + std::abs(u.x)));
+      EXPECT_NEAR(edges.y[k], u.y / 200.0, 1e-5 * (1.0 + std::abs(u.y)));
+      const double pixels = EdgeMetricOfSample(samples, i, c.texel_from_ray);
+      EXPECT_NEAR(edges.pixels[k], pixels, 1e-6 * pixels);
+      const double per_width = (pixels_with(i, step, 0) - pixels_with(i, -step, 0)) / (2.0 * step);
+      const double per_height = (pixels_with(i, 0, step) - pixels_with(i, 0, -step)) / (2.0 * step);
+      EXPECT_NEAR(edges.per_width[k], per_width, 1e-4 * pixels);
+      EXPECT_NEAR(edges.per_height[k], per_height, 1e-4 * pixels);
+    }
+  }
+}
+
 TEST(EdgeMetric, OfSeveralMapsIsThatOfTheFirstThatHoldsEachSample) {
   std::mt19937 random(74);
   const auto vector = [&random](double size) {
