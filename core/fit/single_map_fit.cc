@@ -35,36 +35,57 @@ MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
   return SizeOfTexels(problem.map_size.texels(), double(previous.width) / previous.height);
 }
 
-/// The previous frame's map as it serves this frame.
+/// The previous frame's map as it serves this frame, and what it costs.
 struct ServedPrevious {
   ShadowProjection projection;
-  double shadow_outside = 0.0;  ///< Pixels that it does not hold.
+  TexelGrid grid;           ///< Of the samples that were asked.
+  WhitenedSamples tangent;  ///< Those, see TangentAt().
+  double metric = 0.0;      ///< What they say that it gets wrong where it holds the shadow.
+  double outside = 0.0;     ///< Shadow that it does not hold, in the metric's pixels: before UnseenFactor().
+  double Total() const { return metric + outside; }
 };
 
-/// Rescaled to hold all shadow, or as it is where what it does not hold costs less than larger texels: a map
-/// that let go of some (TrimShadow) need not take it back. None where it cannot serve, or is not asked for.
+/// Whether any texel of a map is larger than it was.
+bool HasGrown(const ShadowProjection& map, const ShadowProjection& previous) {
+  constexpr double kRounding = 1e-9;
+  const glm::dmat3 moved = map.texel_from_ray * glm::inverse(previous.texel_from_ray);
+  return moved[0][0] < moved[2][2] * (1.0 - kRounding) || moved[1][1] < moved[2][2] * (1.0 - kRounding);
+}
+
+/// Rescaled to hold all shadow, or as it is where `samples` say that what it does not hold costs less than
+/// larger texels: a map that let go of some (TrimShadow) need not take it back. None where it cannot serve,
+/// or is not asked for.
 std::optional<ServedPrevious> ServePrevious(const LightProblem& problem, const DefaultOptions& options,
-                                            std::span<const int32_t> outer_samples) {
+                                            std::span<const int32_t> outer_samples,
+                                            const WhitenedSamples& samples,
+                                            const glm::dmat3& ray_from_whitened) {
   if (problem.previous == nullptr || !(options.keep_within > 0.0)) return std::nullopt;
   const ShadowProjection& previous = *problem.previous;
-  const LightSamples& samples = *problem.samples;
+  const auto served = [&](const ShadowProjection& map) -> std::optional<ServedPrevious> {
+    const std::optional<TexelGrid> grid = GridOf(map.texel_from_ray * ray_from_whitened);
+    if (!grid) return std::nullopt;
+    ServedPrevious serves{map, *grid, {}};
+    serves.tangent = TangentAt(samples, *grid, &serves.metric);
+    if (!std::isfinite(serves.metric)) return std::nullopt;
+    return serves;
+  };
   std::vector<glm::dvec3> rays;
   rays.reserve(outer_samples.size());
-  for (const int32_t i : outer_samples) rays.push_back(samples.hull_rays[static_cast<size_t>(i)]);
+  for (const int32_t i : outer_samples) rays.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
   const MapSize size = KeptSize(problem, options);
   const std::optional<ShadowProjection> rescaled = RescaleToHold(previous, size, rays, kBorder);
-  const bool serves_as_it_is = rescaled && rescaled->texel_from_ray == previous.texel_from_ray;
-  if (!serves_as_it_is && !options.hold_all_shadow && problem.sampler != nullptr && size == previous.size &&
-      samples.source == SampleSource::kShadowBoundary) {
-    const double outside = problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space,
-                                                          problem.light_in_frame, {&previous, 1});
-    const double wrong = PredictHeldPixels(samples, {&previous, 1}) + outside;
-    if (!rescaled || wrong < PredictMisclassifiedPixels(samples, {&*rescaled, 1})) {
-      return ServedPrevious{previous, outside};
-    }
-  }
-  if (!rescaled) return std::nullopt;
-  return ServedPrevious{*rescaled};
+  std::optional<ServedPrevious> best;
+  if (rescaled) best = served(*rescaled);
+  const bool may_lose_shadow = !options.hold_all_shadow && problem.sampler != nullptr &&
+                               problem.samples->source == SampleSource::kShadowBoundary;
+  if (!may_lose_shadow || !(size == previous.size) || (rescaled && !HasGrown(*rescaled, previous)))
+    return best;
+  std::optional<ServedPrevious> as_it_is = served(previous);
+  if (!as_it_is || (best && !(as_it_is->metric < best->metric))) return best;
+  as_it_is->outside = problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space,
+                                                     problem.light_in_frame, {&previous, 1}) /
+                      UnseenFactor(*problem.samples);
+  return !best || as_it_is->Total() < best->Total() ? as_it_is : best;
 }
 
 /// The previous frame's axis as (alpha, beta) of whitened coordinates; none where it looks away.
@@ -80,13 +101,12 @@ std::optional<glm::dvec2> PreviousAxis(const LightProblem& problem, const glm::d
 /// finds nothing that might take its place.
 std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const DefaultOptions& options) {
   // Where several maps might do better, it matters what the best single one costs.
-  if (problem.previous == nullptr || options.glance_samples == 0 || options.most_maps > 1)
+  if (problem.previous == nullptr || !(options.keep_within > 0.0) || options.glance_samples == 0 ||
+      options.most_maps > 1)
     return std::nullopt;
   const std::optional<std::vector<int32_t>> outline =
       OutlineOf(*problem.samples, problem.previous->texel_from_ray);
   if (!outline) return std::nullopt;
-  const std::optional<ServedPrevious> kept = ServePrevious(problem, options, *outline);
-  if (!kept) return std::nullopt;
   std::vector<glm::dvec3> corners;
   corners.reserve(outline->size());
   for (const int32_t i : *outline) corners.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
@@ -96,23 +116,21 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
 
   const WhitenedSamples some = WhitenSome(problem, hull, options.glance_samples);
   const glm::dmat3 ray_from_whitened = glm::inverse(some.whitened_from_ray);
-  const std::optional<TexelGrid> grid = GridOf(kept->projection.texel_from_ray * ray_from_whitened);
-  if (!grid) return std::nullopt;
-  double metric = 0.0;
-  const WhitenedSamples tangent = TangentAt(some, *grid, &metric);
+  const std::optional<ServedPrevious> kept =
+      ServePrevious(problem, options, *outline, some, ray_from_whitened);
+  if (!kept) return std::nullopt;
   // What matters is whether there is another valley, not how deep it is.
   DefaultOptions quick = options;
   quick.search_directions = 3;
   quick.starts = 1;
   quick.evaluations_per_start = 6;
-  AxisSearch search(tangent, problem.map_size, quick);
+  AxisSearch search(kept->tangent, problem.map_size, quick);
   // The metric is to fall to 1/k of what it is. Let all edges be displaced by z times kEdgeLimit: displaced
   // by a z, they get (1 + z) a / (1 + a z) times the pixels wrong, which is 1/k at a = 1 / (k + (k - 1) z).
   // And the metric is 1 + z times its tangent.
-  const double cost = search.CostOf(*grid);
+  const double cost = search.CostOf(kept->grid);
   const double keep = options.keep_within;
-  const double outside = kept->shadow_outside / UnseenFactor(*problem.samples);
-  const double to_beat = (cost + outside) / (keep + (keep - 1.0) * (metric / cost - 1.0));
+  const double to_beat = (cost + kept->outside) / (keep + (keep - 1.0) * (kept->metric / cost - 1.0));
   if (!std::isfinite(to_beat)) return std::nullopt;
   SingleMapFit fit;
   fit.cost = search.Survey(PreviousAxis(problem, ray_from_whitened), to_beat);
@@ -134,12 +152,12 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
 
   SingleMapFit fit;
   std::optional<ServedPrevious> kept;
-  if (hull.complete) kept = ServePrevious(problem, options, hull.shadow_samples);
+  if (hull.complete) {
+    kept = ServePrevious(problem, options, hull.shadow_samples, probes, ray_from_whitened);
+  }
   double to_beat = std::numeric_limits<double>::infinity();
   if (kept) {
-    const std::optional<TexelGrid> grid = GridOf(kept->projection.texel_from_ray * ray_from_whitened);
-    const double outside = kept->shadow_outside / UnseenFactor(*problem.samples);
-    if (grid) to_beat = (search.CostOf(*grid) + outside) / options.keep_within;
+    to_beat = (search.CostOf(kept->grid) + kept->outside) / options.keep_within;
     if (!std::isfinite(to_beat)) kept.reset();
   }
   fit.cost = search.Survey(PreviousAxis(problem, ray_from_whitened), to_beat);
@@ -152,7 +170,8 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
     fit.projection.texel_from_ray = WithUnitAxis(found.texel_from_whitened * probes.whitened_from_ray);
     // What the probes say of a small difference is not what all samples say.
     fit.kept_previous =
-        kept && PredictMisclassifiedPixels(*problem.samples, {&kept->projection, 1}) + kept->shadow_outside <=
+        kept && PredictMisclassifiedPixels(*problem.samples, {&kept->projection, 1}) +
+                        UnseenFactor(*problem.samples) * kept->outside <=
                     options.keep_within * PredictMisclassifiedPixels(*problem.samples, {&fit.projection, 1});
   }
   if (fit.kept_previous) fit.projection = kept->projection;

@@ -1,5 +1,6 @@
 #include "core/frame/shadow_outside.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -75,9 +76,17 @@ HWY_INLINE void ForShadowInRow(const PixelPlanes& planes, uint32_t light_bit, in
   const DoubleLanes d;
   const hn::Rebind<float, DoubleLanes> df;
   const hn::Rebind<uint32_t, DoubleLanes> du;
+  // Most vectors of most lights' rows have no shadow: they are passed by as many at a time as there are.
+  const hn::CappedTag<uint32_t, kMostLanes> wide;
+  const int step = static_cast<int>(std::max(hn::Lanes(wide), hn::Lanes(d)));
   const auto bit = hn::Set(du, light_bit);
   for (int x = 0; x < planes.width; x += static_cast<int>(hn::Lanes(d))) {
     const std::ptrdiff_t first = planes.Index(x, row);
+    if (x % step == 0 && hn::AllFalse(wide, hn::TestBit(hn::LoadU(wide, planes.bits.data() + first),
+                                                        hn::Set(wide, light_bit)))) {
+      x += step - static_cast<int>(hn::Lanes(d));
+      continue;
+    }
     const auto has_bit = hn::TestBit(hn::LoadU(du, planes.bits.data() + first), bit);
     if (hn::AllFalse(du, has_bit)) continue;
     const auto distance = hn::LoadU(df, planes.inverse_distance.data() + first);
