@@ -175,6 +175,39 @@ TEST(Results, SayHowFarTexelsMovedWherePreviousOnesAreKnown) {
   }
 }
 
+TEST(Results, SayHowMuchShadowNoMapHolds) {
+  const testing::Loopback loopback;
+  const auto client = loopback.Connect();
+  double outside = 0.0;
+  for (int step = 1; step <= 4; ++step) {
+    OwnedFrame owned = testing::WalkFrame(11, step, 90, 70, 3);
+    // Where texels are large it pays to let go of some.
+    for (LightRequest& light : owned.request.lights) light.map_size = {16, 16};
+    v1::Frame frame = WireFrame(1, owned.request);
+    for (const bool hold_all : {false, true}) {
+      frame.mutable_options()->set_hold_all_shadow(hold_all);
+      Options options;
+      options.standard.hold_all_shadow = hold_all;
+      FrameSummary summary;
+      ASSERT_TRUE(FrameOptimizer().Optimize(owned.request, options, Cancellation(), &summary).ok());
+      const auto result = client->Optimize(frame);
+      ASSERT_TRUE(result.ok()) << result.status();
+      EXPECT_EQ(MatrixBytes(*result), MatrixBytes(summary)) << hold_all;
+      for (int i = 0; i < 3; ++i) {
+        const double pixels = result->lights(i).shadow_outside_pixels();
+        EXPECT_EQ(pixels, summary.lights[static_cast<size_t>(i)].shadow_outside_pixels);
+        EXPECT_LE(pixels, result->lights(i).predicted_misclassified_pixels());
+        // A light that no single map serves may lose some in any case.
+        if (hold_all && result->lights(i).outcome() == v1::FIT_OUTCOME_FITTED) {
+          EXPECT_EQ(pixels, 0.0);
+        }
+        if (!hold_all) outside += pixels;
+      }
+    }
+  }
+  EXPECT_GT(outside, 0.0);
+}
+
 TEST(Results, TexelsOfAStreamStayWhereNothingMoves) {
   const testing::Loopback loopback;
   const auto client = loopback.Connect();
