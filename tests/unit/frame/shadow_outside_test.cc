@@ -13,7 +13,6 @@ namespace shadowfit {
 namespace {
 
 using testing::OwnedFrame;
-using testing::Uniform;
 
 constexpr int kWidth = 61;
 constexpr int kHeight = 47;
