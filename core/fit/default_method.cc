@@ -1,6 +1,7 @@
 #include "core/fit/default_method.h"
 
 #include "core/fit/map_partition.h"
+#include "core/fit/partial_map.h"
 
 namespace shadowfit {
 
@@ -15,7 +16,13 @@ absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
     if (map.complete) continue;
     fit.outcome = FitOutcome::kFallback;
     fit.note =
-        "receivers span a half space or more as seen from the light; the map holds the part around its axis";
+        "receivers span a half space or more as seen from the light; the map holds a part of the shadow";
+  }
+  const bool has_edges = problem.samples->source == SampleSource::kShadowBoundary;
+  if (partition.maps.size() == 1 && !partition.maps[0].complete && problem.sampler != nullptr && has_edges) {
+    const PartialMap partial = FitPartialMap(problem, options_, fit.projection);
+    fit.projection = partial.projection;
+    fit.evaluations += partial.evaluations;
   }
   return fit;
 }

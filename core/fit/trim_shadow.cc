@@ -169,8 +169,8 @@ class Trimmer {
 
   /// Returns what the maps are predicted to get wrong, which is `predicted` before.
   double Trim(double predicted) {
-    // What earlier maps hold this one need not.
-    if (maps_.size() > 1) FitToWhatIsLeft(&predicted);
+    // What earlier maps hold this one need not, nor what it does not hold.
+    if (maps_.size() > 1 || !HoldShadow(*samples_, maps_)) FitToWhatIsLeft(&predicted);
     for (int cuts = 0; cuts < kMostCuts && samples_->hull_rays.size() >= kFewest; ++cuts) {
       if (IsCancelled(problem_.cancellation)) break;
       const Cut cut = BestCut();
