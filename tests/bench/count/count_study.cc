@@ -50,6 +50,7 @@ class LightCounts {
     options.method = method;
     options.standard.free_aspect = free_aspect_;
     options.standard.divide_where_needed = false;
+    options.standard.hold_all_shadow = true;
     FrameSummary summary;
     if (!FrameOptimizer().Optimize(request, options, Cancellation(), &summary).ok()) return std::nullopt;
     if (summary.lights[0].outcome != FitOutcome::kFitted) return std::nullopt;

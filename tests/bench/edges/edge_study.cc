@@ -188,6 +188,7 @@ int Run(int argc, char** argv) {
     const FrameRequest request = testing::RequestFor(*truth, view, *study, kMap);
     Options options;
     options.standard.divide_where_needed = false;
+    options.standard.hold_all_shadow = true;
     FrameSummary summary;
     if (!FrameOptimizer().Optimize(request, options, Cancellation(), &summary).ok()) continue;
     const ShadowProjection& map = summary.lights[0].projection;
