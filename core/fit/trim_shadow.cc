@@ -173,8 +173,11 @@ class Trimmer {
     if (maps_.size() > 1 || !HoldShadow(*samples_, maps_)) FitToWhatIsLeft(&predicted);
     for (int cuts = 0; cuts < kMostCuts && samples_->hull_rays.size() >= kFewest; ++cuts) {
       if (IsCancelled(problem_.cancellation)) break;
-      const Cut cut = BestCut();
-      if (!(cut.gain > kLeastTrimGain * predicted) || !Make(cut, &predicted)) break;
+      const std::array<Cut, 4> best = BestCuts();
+      const bool made = std::any_of(best.begin(), best.end(), [&](const Cut& cut) {
+        return cut.gain > kLeastTrimGain * predicted && Make(cut, &predicted);
+      });
+      if (!made) break;
       FitToWhatIsLeft(&predicted);
     }
     return predicted;
@@ -183,7 +186,8 @@ class Trimmer {
   int evaluations() const { return evaluations_; }
 
  private:
-  Cut BestCut() {
+  /// Of each side the best one, the best of all first.
+  std::array<Cut, 4> BestCuts() {
     const size_t count = samples_->hull_rays.size();
     for (std::vector<float>* ends : {&reaches_.low_x, &reaches_.high_x, &reaches_.low_y, &reaches_.high_y}) {
       ends->resize(count);
@@ -194,13 +198,11 @@ class Trimmer {
     AppendEdges(samples_->rough_boundary, map_, &edges_);
     pixels_per_place_ = problem_.sampler->PlacesOfShadow(*problem_.camera, *problem_.ray_space,
                                                          problem_.light_in_frame, map_, others_, &shadow_);
-    Cut best;
-    for (const bool along_x : {true, false}) {
-      for (const Cut& cut : BestCutsAlong(along_x)) {
-        if (cut.gain > best.gain) best = cut;
-      }
-    }
-    return best;
+    const std::array<Cut, 2> x = BestCutsAlong(true);
+    const std::array<Cut, 2> y = BestCutsAlong(false);
+    std::array<Cut, 4> cuts = {x[0], x[1], y[0], y[1]};
+    std::sort(cuts.begin(), cuts.end(), [](const Cut& a, const Cut& b) { return a.gain > b.gain; });
+    return cuts;
   }
 
   /// Of the low and of the high side. What a cut lets go of, for every place of it, is added up by bins.
