@@ -232,9 +232,9 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   if (absl::Status status = CheckKnobs(options.standard); !status.ok()) return status;
   // A tolerance is what the maps are sized for: letting go of shadow would break it, and save nothing.
   const bool to_tolerance = std::holds_alternative<ToleranceOptions>(options.sizing);
-  Options options_here = options;
-  options_here.standard.hold_all_shadow |= to_tolerance;
-  const std::unique_ptr<LightMatrixMethod> method = MakeMethod(options_here);
+  Options effective_options = options;
+  effective_options.standard.hold_all_shadow |= to_tolerance;
+  const std::unique_ptr<LightMatrixMethod> method = MakeMethod(effective_options);
 
   FrameExtent extent;
   work.sampler.Sample(*camera, request.depth, request.bits, work.ray_spaces, screen, &extent, &work.samples);
@@ -299,7 +299,7 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   const auto describe_light = [&](size_t i) -> absl::Status {
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightSamples& samples = work.samples[i];
-    if (options.method == Method::kDefault) TrimFit(options_here, &fits[i]);
+    if (options.method == Method::kDefault) TrimFit(effective_options, &fits[i]);
     const LightFit& fit = fits[i].fit;
     LightSummary& result = summary->lights[i];
     result.sample_source = samples.source;

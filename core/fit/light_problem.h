@@ -48,7 +48,7 @@ struct LightProblem {
 /// How a method came to its matrix.
 enum class FitOutcome {
   kFitted,        ///< As the method says.
-  kKeptPrevious,  ///< The previous frame's matrix, rescaled, was good enough.
+  kKeptPrevious,  ///< The previous frame's matrix, as it is or rescaled, was good enough.
   kFallback,      ///< The method cannot serve this configuration; LightFit::note says what was done instead.
 };
 

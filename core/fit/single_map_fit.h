@@ -17,13 +17,13 @@ struct SingleMapFit {
   /// False also where the map that does has texels of too different widths to be of use: receivers span
   /// nearly half of all directions.
   bool usable = true;
-  bool kept_previous = false;  ///< Whether the map is the previous frame's, rescaled.
+  bool kept_previous = false;  ///< Whether the map is the previous frame's, as it is or rescaled.
   int evaluations = 0;
 };
 
 /// The hull of what the map must hold, with the samples' footprints where one map holds those too, and the
-/// best map around it (AxisSearch); or the previous frame's map, rescaled, see DefaultOptions::keep_within.
-/// The cost is what the search saw of new ones even then. Where a first look at
+/// best map around it (AxisSearch); or the previous frame's map, as it is or rescaled, see
+/// DefaultOptions::keep_within. The cost is what the search saw of new ones even then. Where a first look at
 /// DefaultOptions::glance_samples says that the previous map may stay, there is no search, and all but the
 /// map is left unsaid.
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options);

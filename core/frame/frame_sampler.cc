@@ -14,7 +14,7 @@
 #include "core/frame/pixel_scan.h"
 #include "core/frame/pixel_surfaces.h"
 #include "core/frame/sample_rays.h"
-#include "core/frame/shadow_outside.h"
+#include "core/frame/shadow_pixels.h"
 #include "core/frame/visible_pixels.h"
 
 namespace shadowfit {

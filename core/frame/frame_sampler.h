@@ -8,7 +8,7 @@
 #include "core/frame/camera.h"
 #include "core/frame/images.h"
 #include "core/frame/light_samples.h"
-#include "core/frame/shadow_outside.h"
+#include "core/frame/shadow_pixels.h"
 #include "core/math/ray_space.h"
 #include "core/math/shadow_projection.h"
 

@@ -120,6 +120,14 @@ TEST_F(Commands, OptimizeTakesItsKnobFromItsFlag) {
   ExpectResult(Read("result.json"));
 }
 
+TEST_F(Commands, OptimizeHoldsAllShadowByItsFlag) {
+  options_.standard.hold_all_shadow = true;
+  WriteFrameFiles();
+  const Ran whole(With({SHADOWFIT_PROGRAM, "optimize"}, {"--hold-all-shadow"}));
+  ASSERT_EQ(whole.code, 0) << whole.error;
+  ExpectResult(Read("result.json"));
+}
+
 TEST_F(Commands, OptimizeTakesTheMethodFromItsFlag) {
   options_.method = Method::kPaper;
   WriteFrameFiles();

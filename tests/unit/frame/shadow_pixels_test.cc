@@ -1,4 +1,4 @@
-#include "core/frame/shadow_outside.h"
+#include "core/frame/shadow_pixels.h"
 
 #include <gtest/gtest.h>
 

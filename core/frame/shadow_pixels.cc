@@ -1,4 +1,4 @@
-#include "core/frame/shadow_outside.h"
+#include "core/frame/shadow_pixels.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -7,7 +7,7 @@
 #include "core/math/clip_space.h"
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "core/frame/shadow_outside.cc"
+#define HWY_TARGET_INCLUDE "core/frame/shadow_pixels.cc"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -15,8 +15,8 @@
 #include "core/frame/packing_lanes-inl.h"
 #include "core/math/double_lanes-inl.h"
 
-#ifndef SHADOWFIT_FRAME_SHADOW_OUTSIDE_ONCE
-#define SHADOWFIT_FRAME_SHADOW_OUTSIDE_ONCE
+#ifndef SHADOWFIT_FRAME_SHADOW_PIXELS_ONCE
+#define SHADOWFIT_FRAME_SHADOW_PIXELS_ONCE
 namespace shadowfit {
 
 /// A map as a function of a pixel's column, row and window depth, times the homogeneous w of its point.
