@@ -25,6 +25,10 @@ constexpr double kWidestHalfAngle = 1.3962634015954636;
 /// samples: until they have moved through it, the next frames need not rescale again.
 constexpr double kBorder = 0.02;
 
+/// A kept matrix's texels grow where it would get more than this many times the pixels wrong as it is: all of
+/// them move when they do.
+constexpr double kWorthGrowing = 1.05;
+
 /// Of a kept matrix: with a free aspect ratio, the ratio stays as well, and with it every texel where the
 /// number of texels does.
 MapSize KeptSize(const LightProblem& problem, const DefaultOptions& options) {
@@ -52,9 +56,9 @@ bool HasGrown(const ShadowProjection& map, const ShadowProjection& previous) {
   return moved[0][0] < moved[2][2] * (1.0 - kRounding) || moved[1][1] < moved[2][2] * (1.0 - kRounding);
 }
 
-/// Rescaled to hold all shadow, or as it is where `samples` say that what it does not hold costs less than
-/// larger texels: a map that let go of some (TrimShadow) need not take it back. None where it cannot serve,
-/// or is not asked for.
+/// Rescaled to hold all shadow, or as it is where `samples` say that what it does not hold costs hardly more
+/// than larger texels (kWorthGrowing): a map that let go of some (TrimShadow) need not take it back. None
+/// where it cannot serve, or is not asked for.
 std::optional<ServedPrevious> ServePrevious(const LightProblem& problem, const DefaultOptions& options,
                                             std::span<const int32_t> outer_samples,
                                             const WhitenedSamples& samples,
@@ -82,10 +86,13 @@ std::optional<ServedPrevious> ServePrevious(const LightProblem& problem, const D
     return best;
   std::optional<ServedPrevious> as_it_is = served(previous);
   if (!as_it_is || (best && !(as_it_is->metric < best->metric))) return best;
-  as_it_is->outside = problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space,
-                                                     problem.light_in_frame, {&previous, 1}) /
-                      UnseenFactor(*problem.samples);
-  return !best || as_it_is->Total() < best->Total() ? as_it_is : best;
+  // As predictions do: what is within half a texel of a map is held.
+  if (!HoldShadow(*problem.samples, {&previous, 1})) {
+    as_it_is->outside = problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space,
+                                                       problem.light_in_frame, {&previous, 1}) /
+                        UnseenFactor(*problem.samples);
+  }
+  return !best || as_it_is->Total() < kWorthGrowing * best->Total() ? as_it_is : best;
 }
 
 /// The previous frame's axis as (alpha, beta) of whitened coordinates; none where it looks away.
