@@ -18,8 +18,7 @@ absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
     fit.note =
         "receivers span a half space or more as seen from the light; the map holds a part of the shadow";
   }
-  const bool has_edges = problem.samples->source == SampleSource::kShadowBoundary;
-  if (partition.maps.size() == 1 && !partition.maps[0].complete && problem.sampler != nullptr && has_edges) {
+  if (partition.maps.size() == 1 && !partition.maps[0].complete && problem.KnowsShadow()) {
     const PartialMap partial = FitPartialMap(problem, options_, fit.projection);
     fit.projection = partial.projection;
     fit.evaluations += partial.evaluations;

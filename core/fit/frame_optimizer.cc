@@ -186,14 +186,12 @@ absl::Status ForEachLight(size_t count, const std::function<absl::Status(size_t)
 /// Lets go of shadow once the maps have their sizes: what is worth its texels depends on how many there are.
 void TrimFit(const Options& options, SizedLight* light) {
   const bool fitted = light->fit.outcome == FitOutcome::kFitted;
-  const bool has_edges = light->problem.samples->source == SampleSource::kShadowBoundary;
-  if (options.standard.hold_all_shadow || !fitted || !has_edges) return;
+  if (options.standard.hold_all_shadow || !fitted || !light->problem.KnowsShadow()) return;
   DefaultOptions knobs = options.standard;
   // Sides that were chosen stay.
   if (!std::holds_alternative<std::monostate>(options.sizing)) knobs.free_aspect = false;
   LightFit& fit = light->fit;
-  std::vector<ShadowProjection> maps = {fit.projection};
-  maps.insert(maps.end(), fit.further_projections.begin(), fit.further_projections.end());
+  std::vector<ShadowProjection> maps = fit.Projections();
   fit.evaluations += TrimShadow(light->problem, knobs, maps);
   fit.projection = maps[0];
   std::copy(maps.begin() + 1, maps.end(), fit.further_projections.begin());

@@ -32,14 +32,8 @@ absl::Status CheckSides(const std::string& path, const SideLimits& sides) {
   return absl::OkStatus();
 }
 
-std::vector<ShadowProjection> ProjectionsOf(const LightFit& fit) {
-  std::vector<ShadowProjection> projections = {fit.projection};
-  projections.insert(projections.end(), fit.further_projections.begin(), fit.further_projections.end());
-  return projections;
-}
-
 double PredictedPixels(const SizedLight& light) {
-  return PredictMisclassifiedPixels(*light.problem.samples, ProjectionsOf(light.fit));
+  return PredictMisclassifiedPixels(*light.problem.samples, light.fit.Projections());
 }
 
 /// The displaced pixels of which so many are predicted to be wrong.
@@ -57,7 +51,7 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   const LightSamples& samples = *light.problem.samples;
   if (edges_known && samples.source != SampleSource::kShadowBoundary) return demand;
   double texels = 0.0;
-  for (const ShadowProjection& projection : ProjectionsOf(light.fit)) texels += projection.size.texels();
+  for (const ShadowProjection& projection : light.fit.Projections()) texels += projection.size.texels();
   double length = 0.0;
   for (const BoundarySamples* boundary : {&samples.boundary, &samples.rough_boundary}) {
     length = std::accumulate(boundary->length.begin(), boundary->length.end(), length);
@@ -76,7 +70,7 @@ std::vector<TexelDemand> MapDemands(std::span<const SizedLight> lights, bool edg
   std::vector<TexelDemand> demands;
   for (const SizedLight& light : lights) {
     const TexelDemand whole = DemandOf(light, edges_known);
-    const std::vector<ShadowProjection> projections = ProjectionsOf(light.fit);
+    const std::vector<ShadowProjection> projections = light.fit.Projections();
     double texels = 0.0;
     for (const ShadowProjection& projection : projections) texels += projection.size.texels();
     for (const ShadowProjection& projection : projections) {
@@ -117,7 +111,7 @@ absl::Status Resize(const LightMatrixMethod& method, std::span<const MapSize> si
 absl::Status SizeByTolerance(const ToleranceOptions& options, const LightMatrixMethod& method,
                              bool edges_known, SizedLight* light) {
   const double allowed = options.max_misclassified_pixels / light->weight;
-  const std::vector<ShadowProjection> fitted = ProjectionsOf(light->fit);
+  const std::vector<ShadowProjection> fitted = light->fit.Projections();
   double fitted_texels = 0.0;
   for (const ShadowProjection& projection : fitted) fitted_texels += projection.size.texels();
   TexelDemand demand = DemandOf(*light, edges_known);

@@ -37,6 +37,8 @@ struct LightProblem {
   /// where there are bits, and not only the samples. May be null: then the samples are all that is known.
   const FrameSampler* sampler = nullptr;
   size_t light_in_frame = 0;
+  /// Whether every pixel of the light's shadow is known, and there is any edge of it.
+  bool KnowsShadow() const { return sampler != nullptr && samples->source == SampleSource::kShadowBoundary; }
 
   /// Polled between the steps of long fits, whose answer is worthless once it is requested.
   const Cancellation* cancellation = nullptr;
@@ -60,6 +62,13 @@ struct LightFit {
   FitOutcome outcome = FitOutcome::kFitted;
   const char* note = "";  ///< A static string: the reason for a fallback; empty otherwise.
   int evaluations = 0;    ///< How often the objective was evaluated; 0 for methods without one.
+
+  /// All maps, in the order in which they are asked.
+  std::vector<ShadowProjection> Projections() const {
+    std::vector<ShadowProjection> projections = {projection};
+    projections.insert(projections.end(), further_projections.begin(), further_projections.end());
+    return projections;
+  }
 };
 
 /// A way of making a light matrix: the papers' optimizer, ours, or a published baseline. Stateless and

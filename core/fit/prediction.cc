@@ -78,15 +78,18 @@ double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProj
                                   EdgeMetricOfHeld(samples.rough_boundary, projections));
 }
 
+std::optional<double> ShadowOutside(const LightProblem& problem,
+                                    std::span<const ShadowProjection> projections) {
+  if (!problem.KnowsShadow() || HoldShadow(*problem.samples, projections)) return std::nullopt;
+  return problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space, problem.light_in_frame,
+                                        projections);
+}
+
 PredictedPixels PredictWrongPixels(const LightProblem& problem,
                                    std::span<const ShadowProjection> projections) {
-  const LightSamples& samples = *problem.samples;
-  if (problem.sampler == nullptr || HoldShadow(samples, projections)) {
-    return {PredictMisclassifiedPixels(samples, projections)};
-  }
-  return {PredictHeldPixels(samples, projections),
-          problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space, problem.light_in_frame,
-                                         projections)};
+  const std::optional<double> outside = ShadowOutside(problem, projections);
+  if (!outside) return {PredictMisclassifiedPixels(*problem.samples, projections)};
+  return {PredictHeldPixels(*problem.samples, projections), *outside};
 }
 
 }  // namespace shadowfit

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 
 #include "core/fit/light_problem.h"
@@ -29,6 +30,11 @@ bool HoldShadow(const LightSamples& samples, std::span<const ShadowProjection> p
 /// As PredictMisclassifiedPixels(), without the samples that no map holds: to them comes the shadow that is
 /// outside all maps (FrameSampler::ShadowOutside).
 double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProjection> projections);
+
+/// Pixels of the final screen in shadow that none of the maps holds (FrameSampler::ShadowOutside()). None
+/// where the maps hold what the samples show of it (HoldShadow()), or the samples are all that is known.
+std::optional<double> ShadowOutside(const LightProblem& problem,
+                                    std::span<const ShadowProjection> projections);
 
 /// What a light's maps are expected to get wrong of its frame, pixels of the final screen.
 struct PredictedPixels {

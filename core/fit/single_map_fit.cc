@@ -80,18 +80,12 @@ std::optional<ServedPrevious> ServePrevious(const LightProblem& problem, const D
   const std::optional<ShadowProjection> rescaled = RescaleToHold(previous, size, rays, kBorder);
   std::optional<ServedPrevious> best;
   if (rescaled) best = served(*rescaled);
-  const bool may_lose_shadow = !options.hold_all_shadow && problem.sampler != nullptr &&
-                               problem.samples->source == SampleSource::kShadowBoundary;
+  const bool may_lose_shadow = !options.hold_all_shadow && problem.KnowsShadow();
   if (!may_lose_shadow || !(size == previous.size) || (rescaled && !HasGrown(*rescaled, previous)))
     return best;
   std::optional<ServedPrevious> as_it_is = served(previous);
   if (!as_it_is || (best && !(as_it_is->metric < best->metric))) return best;
-  // As predictions do: what is within half a texel of a map is held.
-  if (!HoldShadow(*problem.samples, {&previous, 1})) {
-    as_it_is->outside = problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space,
-                                                       problem.light_in_frame, {&previous, 1}) /
-                        UnseenFactor(*problem.samples);
-  }
+  as_it_is->outside = ShadowOutside(problem, {&previous, 1}).value_or(0.0) / UnseenFactor(*problem.samples);
   return !best || as_it_is->Total() < kWorthGrowing * best->Total() ? as_it_is : best;
 }
 
