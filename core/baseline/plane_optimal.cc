@@ -173,8 +173,9 @@ absl::StatusOr<LightFit> FitPlaneOptimal(const LightProblem& problem) {
   }
   for (int k = 0; k < 16 && outermost[0] >= 0; ++k) {
     const auto i = static_cast<size_t>(outermost[k / 4]);
-    // Twice its footprint: the derivatives are of first order, and the clamp takes what is too much.
-    const glm::dvec3 ray = 2.0 * problem.samples->FootprintCorner(i, k % 4) - hull_rays[i];
+    // A whole pixel around it: the derivatives are of first order, and the clamp takes what is too much.
+    const glm::dvec3 ray = hull_rays[i] + (problem.samples->FootprintCorner(i, k % 4) - hull_rays[i]) /
+                                              LightSamples::kFootprintReach;
     if (!(glm::dot(image.w, ray) > 0.0)) continue;
     const glm::dvec2 ndc = glm::clamp(image.Project(ray), -1.0, 1.0);
     low = glm::min(low, ndc);

@@ -53,11 +53,14 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   double texels = 0.0;
   for (const ShadowProjection& projection : light.fit.Projections()) texels += projection.size.texels();
   double length = 0.0;
-  for (const BoundarySamples* boundary : {&samples.boundary, &samples.rough_boundary}) {
-    length = std::accumulate(boundary->length.begin(), boundary->length.end(), length);
+  double most_pixels = 0.0;
+  for (const BoundarySamples* boundary : samples.Boundaries()) {
+    const double of_list = std::accumulate(boundary->length.begin(), boundary->length.end(), 0.0);
+    length += of_list;
+    most_pixels += boundary->limit * of_list;
   }
   demand.unit_pixels = UnseenFactor(samples) * kUnitPixelsPerLength * length;
-  demand.most_pixels = UnseenFactor(samples) * kEdgeLimit * length;
+  demand.most_pixels = UnseenFactor(samples) * most_pixels;
   demand.cost = Displaced(PredictedPixels(light), demand) * std::sqrt(texels);
   if (!std::isfinite(demand.cost)) demand.cost = 0.0;
   return demand;

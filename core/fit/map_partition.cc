@@ -83,7 +83,7 @@ class Partitioner {
     }
     MapPartition partition = Finish(std::move(parts));
     // Divisions are chosen by quick fits of their parts alone; the maps as they are may not keep the promise.
-    if (single.complete && has_edges && Predict(partition.maps) > Predict({single}))
+    if (single.complete && has_edges && PredictAll(partition.maps) > PredictAll({single}))
       partition.maps = {single};
     return partition;
   }
@@ -257,11 +257,20 @@ class Partitioner {
     return partition;
   }
 
-  double Predict(const std::vector<SingleMapFit>& maps) const {
+  static std::vector<ShadowProjection> ProjectionsOf(const std::vector<SingleMapFit>& maps) {
     std::vector<ShadowProjection> projections;
     projections.reserve(maps.size());
     for (const SingleMapFit& map : maps) projections.push_back(map.projection);
-    return PredictMisclassifiedPixels(*problem_.samples, projections);
+    return projections;
+  }
+
+  double Predict(const std::vector<SingleMapFit>& maps) const {
+    return PredictMisclassifiedPixels(*problem_.samples, ProjectionsOf(maps));
+  }
+
+  /// With the shadow that they do not hold.
+  double PredictAll(const std::vector<SingleMapFit>& maps) const {
+    return PredictWrongPixels(problem_, ProjectionsOf(maps)).Total();
   }
 
   /// Puts the maps into the order in which they judge best what several hold: the finest first, then

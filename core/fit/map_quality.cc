@@ -66,7 +66,7 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
     sums->per_area += length / area;
     sums->root_area += length * std::sqrt(area);
     sums->displaced += length * displacement;
-    sums->predicted += EdgePixels(length, displacement);
+    sums->predicted += EdgePixels(length, displacement, samples.limit);
   }
 }
 
@@ -136,8 +136,9 @@ MapQuality AssessMaps(const Camera& camera, const RaySpace& ray_space, const Lig
   MapQuality quality;
   Sums sums;
   const bool whole = HoldShadow(samples, projections);
-  Add(camera, ray_space, samples.boundary, projections, whole, screen, &sums);
-  Add(camera, ray_space, samples.rough_boundary, projections, whole, screen, &sums);
+  for (const BoundarySamples* boundary : samples.Boundaries()) {
+    Add(camera, ray_space, *boundary, projections, whole, screen, &sums);
+  }
   if (!(sums.length > 0.0)) return quality;
   const double fill = Fill(samples, projections, whole);
   const double root_even = std::sqrt(sums.length / sums.per_area);

@@ -88,7 +88,7 @@ Doubles EdgePixelsOf(const Load& load, const BoundarySamples& samples, const Sca
   const DoubleLanes d;
   const Displacements of = DisplacementsOf(load, samples, k);
   const auto counted = hn::Div(hn::Mul(load(samples.length), of.pixels),
-                               hn::MulAdd(of.pixels, hn::Set(d, 1.0 / kEdgeLimit), hn::Set(d, 1.0)));
+                               hn::MulAdd(of.pixels, hn::Set(d, 1.0 / samples.limit), hn::Set(d, 1.0)));
   return hn::IfThenElseZero(of.usable, counted);
 }
 
@@ -143,7 +143,7 @@ void WriteEdges(const BoundarySamples& samples, const ShadowProjection& map, siz
     store(share(p.y, map.size.height), &edges->y);
     const Displacements of = DisplacementsOf(load, samples, JacobiansOf(load, samples, map.texel_from_ray));
     const auto one = hn::Set(d, 1.0);
-    const Doubles reduction = hn::Div(one, hn::MulAdd(of.pixels, hn::Set(d, 1.0 / kEdgeLimit), one));
+    const Doubles reduction = hn::Div(one, hn::MulAdd(of.pixels, hn::Set(d, 1.0 / samples.limit), one));
     const Doubles per_pixel = hn::IfThenElseZero(of.usable, hn::Mul(load(samples.length), reduction));
     store(hn::Mul(per_pixel, of.pixels), &edges->pixels);
     // d/dln along_k of s/4 + t^2 / (12 s): s/4 - t^2/(12 s) for the greater, t^2 / (6 s) for the lesser one,
@@ -237,7 +237,7 @@ double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dma
 }
 
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
-  return EdgePixels(samples.length[i], EdgeDisplacement(samples, i, texel_from_ray));
+  return EdgePixels(samples.length[i], EdgeDisplacement(samples, i, texel_from_ray), samples.limit);
 }
 
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {

@@ -38,19 +38,17 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 ///
 /// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  The wrong strip is only as wide as
 /// that, y, where the shadow and the light beside it are wider: elsewhere shadows are lost, and no more than
-/// they. An edge counts y / (1 + y / kEdgeLimit) pixels for each pixel of its length. Summed over the
+/// they. An edge counts y / (1 + y / limit) pixels for each pixel of its length. Summed over the
 /// samples' lengths; samples with h3.r <= 0 or a singular Jacobian are left out.
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
 
 /// The same for several maps: each sample under the first that holds it; nothing for those that none holds.
 double EdgeMetricOfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> maps);
 
-/// Pixels; what an edge approaches as texels grow. Of 1, 2, 4 and 16 this ranks 1,280 lights of five scenes
-/// and views most as their counts against rays do.
-inline constexpr double kEdgeLimit = 2.0;
-
-/// What an edge of a length gets wrong that is displaced by y, both in pixels.
-inline double EdgePixels(double length, double y) { return length * y / (1.0 + y / kEdgeLimit); }
+/// What an edge of a length gets wrong that is displaced by y, all in pixels.
+inline double EdgePixels(double length, double y, double limit = kEdgeLimit) {
+  return length * y / (1.0 + y / limit);
+}
 
 /// The y of one sample's edge, pixels; 0 where it is left out.
 double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray);

@@ -26,10 +26,10 @@ namespace shadowfit::HWY_NAMESPACE {
 constexpr double kRounding = 1e-12;
 
 /// Which of `count` rays may not be strictly on the positive side of all `sides` covectors, together with
-/// their footprint r +- dx1/2 +- dx2/2 where dx1 is not null. A covector is linear, so that the least of the
-/// five values is no less than c.r - |c|.(|dx1| + |dx2|) / 2, component by component: three numbers of a
-/// footprint for all sides. A covector's largest component is 1. Rays are x, y, z in turn. Returns how many
-/// indices were written.
+/// their footprint r +- k dx1 +- k dx2, k = kFootprintReach, where dx1 is not null. A covector is linear, so
+/// that the least of the five values is no less than c.r - k |c|.(|dx1| + |dx2|), component by component:
+/// three numbers of a footprint for all sides. A covector's largest component is 1. Rays are x, y, z in turn.
+/// Returns how many indices were written.
 size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, size_t count,
                      const double (*covectors)[3], size_t sides, int32_t* outside) {
   const DoubleLanes d;
@@ -46,11 +46,10 @@ size_t RaysNotInside(const double* rays, const double* dx1, const double* dx2, s
     const auto rounding = hn::Mul(hn::Set(d, kRounding), hn::Add(hn::Add(sizes.x, sizes.y), sizes.z));
     Doubles3 around{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     if (dx1 != nullptr) {
-      const auto half = hn::Set(d, 0.5);
+      const auto reach = hn::Set(d, LightSamples::kFootprintReach);
       const Doubles3 a = abs(LoadPoints(dx1 + 3 * i));
       const Doubles3 b = abs(LoadPoints(dx2 + 3 * i));
-      around = {hn::Mul(half, hn::Add(a.x, b.x)), hn::Mul(half, hn::Add(a.y, b.y)),
-                hn::Mul(half, hn::Add(a.z, b.z))};
+      around = Scaled(Plus(a, b), reach);
     }
     auto inside = hn::Eq(hn::Zero(d), hn::Zero(d));
     for (size_t side = 0; side < sides; ++side) {

@@ -57,8 +57,10 @@ double PredictMisclassifiedPixels(const LightSamples& samples,
                                   std::span<const ShadowProjection> projections) {
   if (projections.size() > 1) return PredictHeldPixels(samples, projections);
   const glm::dmat3& texel_from_ray = projections[0].texel_from_ray;
-  return UnseenFactor(samples) *
-         (EdgeMetric(samples.boundary, texel_from_ray) + EdgeMetric(samples.rough_boundary, texel_from_ray));
+  double pixels = 0.0;
+  for (const BoundarySamples* boundary : samples.Boundaries())
+    pixels += EdgeMetric(*boundary, texel_from_ray);
+  return UnseenFactor(samples) * pixels;
 }
 
 bool HoldShadow(const LightSamples& samples, std::span<const ShadowProjection> projections) {
@@ -74,13 +76,17 @@ bool HoldShadow(const LightSamples& samples, std::span<const ShadowProjection> p
 }
 
 double PredictHeldPixels(const LightSamples& samples, std::span<const ShadowProjection> projections) {
-  return UnseenFactor(samples) * (EdgeMetricOfHeld(samples.boundary, projections) +
-                                  EdgeMetricOfHeld(samples.rough_boundary, projections));
+  double pixels = 0.0;
+  for (const BoundarySamples* boundary : samples.Boundaries())
+    pixels += EdgeMetricOfHeld(*boundary, projections);
+  return UnseenFactor(samples) * pixels;
 }
 
 std::optional<double> ShadowOutside(const LightProblem& problem,
                                     std::span<const ShadowProjection> projections) {
-  if (!problem.KnowsShadow() || HoldShadow(*problem.samples, projections)) return std::nullopt;
+  if (!problem.KnowsShadow()) return std::nullopt;
+  // What lies between samples lies in the map that holds them all, but in none of two that share them.
+  if (projections.size() == 1 && HoldShadow(*problem.samples, projections)) return std::nullopt;
   return problem.sampler->ShadowOutside(*problem.camera, *problem.ray_space, problem.light_in_frame,
                                         projections);
 }

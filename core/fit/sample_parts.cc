@@ -1,5 +1,6 @@
 #include "core/fit/sample_parts.h"
 
+#include <array>
 #include <cstddef>
 #include <glm/glm.hpp>
 #include <vector>
@@ -7,10 +8,14 @@
 namespace shadowfit {
 namespace {
 
+constexpr std::array kBoundaries = {&LightSamples::boundary, &LightSamples::rough_boundary,
+                                    &LightSamples::unseen_boundary};
+
 /// The samples with the given indices.
 BoundarySamples Some(const BoundarySamples& from, const std::vector<size_t>& indices) {
   BoundarySamples some;
   some.Resize(indices.size());
+  some.limit = from.limit;
   for (size_t k = 0; k < indices.size(); ++k) {
     const size_t i = indices[k];
     some.Set(k, from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]},
@@ -47,8 +52,7 @@ std::vector<LightSamples> Divide(const LightSamples& samples, size_t parts, cons
     for (size_t i = 0; i < all.size(); ++i) indices[part_of(all.Ray(i))].push_back(i);
     for (size_t k = 0; k < parts; ++k) divided[k].*boundary = Some(all, indices[k]);
   };
-  deal_out(&LightSamples::boundary);
-  deal_out(&LightSamples::rough_boundary);
+  for (BoundarySamples LightSamples::*boundary : kBoundaries) deal_out(boundary);
   for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
     CopyHullSample(samples, i, &divided[part_of(samples.hull_rays[i])]);
   }
@@ -75,7 +79,7 @@ LightSamples SomeSamples(const LightSamples& samples, absl::FunctionRef<bool(con
                          std::span<const uint8_t> hull_samples) {
   LightSamples some = NoneOf(samples);
   std::vector<size_t> indices;
-  for (BoundarySamples LightSamples::*boundary : {&LightSamples::boundary, &LightSamples::rough_boundary}) {
+  for (BoundarySamples LightSamples::*boundary : kBoundaries) {
     const BoundarySamples& all = samples.*boundary;
     indices.clear();
     for (size_t i = 0; i < all.size(); ++i) {

@@ -109,8 +109,12 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
       OutlineOf(*problem.samples, problem.previous->texel_from_ray);
   if (!outline) return std::nullopt;
   std::vector<glm::dvec3> corners;
-  corners.reserve(outline->size());
-  for (const int32_t i : *outline) corners.push_back(problem.samples->hull_rays[static_cast<size_t>(i)]);
+  corners.reserve(4 * outline->size());
+  for (const int32_t i : *outline) {
+    for (int corner = 0; corner < 4; ++corner) {
+      corners.push_back(problem.samples->FootprintCorner(static_cast<size_t>(i), corner));
+    }
+  }
   const RayHull hull = MakeRayHull(*problem.ray_space, corners);
   // Well within what a single map is of use for, see kWidestHalfAngle.
   if (!hull.complete || !(hull.cos_half_angle > std::cos(kReducedHalfAngle))) return std::nullopt;
@@ -182,7 +186,7 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   constexpr double kMostCost = 1e60;
   fit.usable = fit.complete && fit.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
   fit.cost = std::min(fit.cost, kMostCost);
-  for (const BoundarySamples* boundary : {&problem.samples->boundary, &problem.samples->rough_boundary}) {
+  for (const BoundarySamples* boundary : problem.samples->Boundaries()) {
     for (const double length : boundary->length) fit.edge_length += length;
   }
   fit.evaluations = search.evaluations();

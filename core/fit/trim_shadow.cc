@@ -46,7 +46,7 @@ void FindReaches(const LightSamples& samples, const ShadowProjection& map, Reach
   const hn::Rebind<float, DoubleLanes> df;
   const size_t lanes = hn::Lanes(d);
   const size_t count = samples.hull_rays.size();
-  const auto half = hn::Set(d, 0.5);
+  const auto reach = hn::Set(d, LightSamples::kFootprintReach);
   const auto nothing = hn::Set(d, std::numeric_limits<double>::quiet_NaN());
   const auto one = hn::Set(d, 1.0);
   glm::dmat3 share_from_texel(1.0);
@@ -60,8 +60,8 @@ void FindReaches(const LightSamples& samples, const ShadowProjection& map, Reach
       return Times(share_from_ray, LoadPoints(&rays[i].x));
     };
     const Doubles3 h = mapped(samples.hull_rays);
-    const Doubles3 d1 = Scaled(mapped(samples.hull_rays_dx1), half);
-    const Doubles3 d2 = Scaled(mapped(samples.hull_rays_dx2), half);
+    const Doubles3 d1 = Scaled(mapped(samples.hull_rays_dx1), reach);
+    const Doubles3 d2 = Scaled(mapped(samples.hull_rays_dx2), reach);
     const Doubles3 corners[4] = {Minus(Minus(h, d1), d2), Plus(Minus(h, d1), d2), Minus(Plus(h, d1), d2),
                                  Plus(Plus(h, d1), d2)};
     auto in_front = hn::Gt(h.z, hn::Zero(d));
@@ -194,8 +194,7 @@ class Trimmer {
     }
     HWY_DYNAMIC_DISPATCH(FindReaches)(*samples_, map_, &reaches_);
     edges_ = {};
-    AppendEdges(samples_->boundary, map_, &edges_);
-    AppendEdges(samples_->rough_boundary, map_, &edges_);
+    for (const BoundarySamples* boundary : samples_->Boundaries()) AppendEdges(*boundary, map_, &edges_);
     pixels_per_place_ = problem_.sampler->PlacesOfShadow(*problem_.camera, *problem_.ray_space,
                                                          problem_.light_in_frame, map_, others_, &shadow_);
     const std::array<Cut, 2> x = BestCutsAlong(true);

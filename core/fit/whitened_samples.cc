@@ -49,7 +49,7 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, size_t stride, s
     store(e.x, &whitened->e1);
     store(e.y, &whitened->e2);
     store(e.z, &whitened->e3);
-    store(hn::Div(hn::Set(d, 1.0 / kEdgeLimit), length), &whitened->inverse_limit);
+    store(hn::Div(hn::Set(d, 1.0 / samples.limit), length), &whitened->inverse_limit);
     next += hn::CountTrue(d, usable);
   };
   if (stride == 1) {
@@ -137,6 +137,12 @@ std::array<std::vector<float>*, 6> Arrays(WhitenedSamples* samples) {
   return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3, &samples->inverse_limit};
 }
 
+size_t EdgeSamples(const LightSamples& samples) {
+  size_t count = 0;
+  for (const BoundarySamples* boundary : samples.Boundaries()) count += boundary->size();
+  return count;
+}
+
 /// Of every stride-th sample.
 WhitenedSamples WhitenEvery(size_t stride, const LightProblem& problem, const RayHull& hull) {
   WhitenedSamples whitened;
@@ -155,15 +161,16 @@ WhitenedSamples WhitenEvery(size_t stride, const LightProblem& problem, const Ra
   whitened.whitened_from_ray = glm::transpose(glm::dmat3(row1, row2, plane.axis)) * hull.normalized_from_ray;
   for (const glm::dvec2& v : polygon) whitened.hull.push_back(scale * (v - moments.mean));
 
-  const BoundarySamples& reliable = problem.samples->boundary;
-  const BoundarySamples& rough = problem.samples->rough_boundary;
-  const size_t most = (reliable.size() + rough.size() + stride - 1) / stride;
+  const size_t most = (EdgeSamples(*problem.samples) + stride - 1) / stride;
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(most + kMostDoubles);
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
-  // The steps go on from one list to the other.
-  const size_t first_rough = (stride - reliable.size() % stride) % stride;
-  size_t count = add(reliable, 0, stride, 0, &whitened);
-  count = add(rough, first_rough, stride, count, &whitened);
+  size_t count = 0;
+  size_t first = 0;
+  for (const BoundarySamples* samples : problem.samples->Boundaries()) {
+    count = add(*samples, first, stride, count, &whitened);
+    // The steps go on from one list to the next.
+    first = (first + stride - samples->size() % stride) % stride;
+  }
   for (std::vector<float>* lane : Arrays(&whitened)) {
     lane->resize(count);
     lane->resize(PaddedToEdgeLanes(count), 0.0f);
@@ -201,7 +208,7 @@ WhitenedSamples TangentAt(const WhitenedSamples& samples, const TexelGrid& map, 
 }
 
 WhitenedSamples WhitenSome(const LightProblem& problem, const RayHull& hull, int most) {
-  const size_t count = problem.samples->boundary.size() + problem.samples->rough_boundary.size();
+  const size_t count = EdgeSamples(*problem.samples);
   const auto limit = static_cast<size_t>(most);
   return WhitenEvery(std::max<size_t>(1, (count + limit - 1) / limit), problem, hull);
 }

@@ -38,7 +38,7 @@ struct WhitenedSamples {
   std::vector<float> e1;
   std::vector<float> e2;
   std::vector<float> e3;
-  /// One over the wrong pixels that the sample approaches as texels grow, l kEdgeLimit (metric.h).
+  /// One over the wrong pixels that the sample approaches as texels grow, l times its list's limit.
   std::vector<float> inverse_limit;
 };
 

@@ -124,6 +124,7 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
   }
   texture_edges.Turn(&light->textures.boundary, ray_space.is_directional(), &samples->boundary);
   texture_edges.Turn(&light->textures.rough_boundary, ray_space.is_directional(), &samples->rough_boundary);
+  texture_edges.Turn(&light->textures.unseen_boundary, ray_space.is_directional(), &samples->unseen_boundary);
 }
 
 void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightScratch* light,
@@ -133,6 +134,7 @@ void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightS
               &light->textures, samples);
   samples->narrow_share = kCommonNarrowShare;
   samples->hull_in_shadow.assign(light->pixels.hull.size(), 1);  // Any of them may be.
+  samples->boundary.limit = kUnseenEdgeLimit;
   samples->boundary.Resize(2 * light->lit.size());
   for (size_t i = 0; i < light->lit.size(); ++i) {
     const auto at = static_cast<size_t>(light->lit[i]);
@@ -161,6 +163,8 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
   samples->resize(ray_spaces.size());
   for (LightSamples& light : *samples) {
     light.source = SampleSource::kNone;
+    light.boundary.limit = kEdgeLimit;
+    light.unseen_boundary.limit = kUnseenEdgeLimit;
     light.pixels_per_sample = work.pixels_per_sample.x * work.pixels_per_sample.y;
   }
 

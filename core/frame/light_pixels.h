@@ -33,6 +33,8 @@ struct LightPixels {
   EdgeCrossings edges;
   /// Neighbours across what may be one, times the edges that there are for each of them on average.
   EdgeCrossings rough_edges;
+  /// Where neither is: edges that do not show, in the same measure.
+  EdgeCrossings unseen_edges;
 };
 
 /// Fills `pixels` with the light's part of a shadow's boundary, rim and inside.

@@ -27,8 +27,9 @@ class BoundaryFiller {
                  BoundarySamples* samples, LaneList<int32_t>* textures)
       : edges_(edges), directions_(directions), scale_(scale), samples_(*samples), textures_(*textures) {}
 
-  /// Those of the hull samples from i on that have crossings.
-  HWY_INLINE void Add(size_t i, const Rays& rays, const LaneList<EdgePattern>& patterns) {
+  /// Those of the hull samples from i on that have crossings; patterns() are theirs.
+  template <class Patterns>
+  HWY_INLINE void Add(size_t i, const Rays& rays, const Patterns& patterns) {
     const Lanes d;
     const IndexLanes di;
     const auto one = hn::Set(d, 1.0);
@@ -50,7 +51,7 @@ class BoundaryFiller {
     put(rays.q, &samples_.q);
 
     static_assert(sizeof(EdgeDirection) == 3 * sizeof(double));
-    const auto pattern = hn::PromoteTo(LongLanes(), hn::LoadU(di, patterns.data() + i));
+    const auto pattern = patterns();
     const auto entry = hn::Add(pattern, hn::Add(pattern, pattern));
     const double* table = &directions_.data()->normal.x;
     put(hn::GatherIndex(d, table, entry), &samples_.n1);
@@ -93,6 +94,8 @@ void Fill(const PixelSurfaces& surfaces, const LightPixels& pixels, const LaneLi
   BoundaryFiller boundary(pixels.edges, directions, scale, &samples->boundary, &textures->boundary);
   BoundaryFiller rough_boundary(pixels.rough_edges, directions, scale, &samples->rough_boundary,
                                 &textures->rough_boundary);
+  BoundaryFiller unseen_boundary(pixels.unseen_edges, directions, scale, &samples->unseen_boundary,
+                                 &textures->unseen_boundary);
   for (size_t i = 0; i < pixels.hull.size(); i += hn::Lanes(d)) {
     const Gather gather(hn::LoadU(IndexLanes(), pixels.hull.data() + i));
     const Doubles3 position = gather(surfaces.ws_position);
@@ -106,11 +109,16 @@ void Fill(const PixelSurfaces& surfaces, const LightPixels& pixels, const LaneLi
     store(rays.dx1, &samples->hull_rays_dx1);
     store(rays.dx2, &samples->hull_rays_dx2);
     hn::StoreU(rays.q, d, samples->hull_along_ray.data() + i);
-    boundary.Add(i, rays, patterns);
-    rough_boundary.Add(i, rays, patterns);
+    const auto seen = [&] {
+      return hn::PromoteTo(LongLanes(), hn::LoadU(IndexLanes(), patterns.data() + i));
+    };
+    boundary.Add(i, rays, seen);
+    rough_boundary.Add(i, rays, seen);
+    unseen_boundary.Add(i, rays, [] { return hn::Set(LongLanes(), kTexture); });
   }
   boundary.Finish();
   rough_boundary.Finish();
+  unseen_boundary.Finish();
 }
 
 }  // namespace shadowfit::HWY_NAMESPACE
@@ -135,8 +143,10 @@ void FillSamples(const PixelSurfaces& surfaces, const LightPixels& pixels,
   resize_hull(pixels.hull.size() + kMostLanes);
   samples->boundary.Resize(pixels.edges.pixels + kMostLanes);
   samples->rough_boundary.Resize(pixels.rough_edges.pixels + kMostLanes);
+  samples->unseen_boundary.Resize(pixels.unseen_edges.pixels + kMostLanes);
   textures->boundary.Reserve(pixels.edges.pixels);
   textures->rough_boundary.Reserve(pixels.rough_edges.pixels);
+  textures->unseen_boundary.Reserve(pixels.unseen_edges.pixels);
   HWY_DYNAMIC_DISPATCH(Fill)
   (surfaces, pixels, patterns, directions, scale, ray_space, textures, samples);
   resize_hull(pixels.hull.size());

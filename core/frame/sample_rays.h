@@ -16,6 +16,7 @@ namespace shadowfit {
 struct SampledTextures {
   LaneList<int32_t> boundary;
   LaneList<int32_t> rough_boundary;
+  LaneList<int32_t> unseen_boundary;  ///< All: what is not seen has no direction.
 };
 
 /// Fills a light's samples with what its pixels become in its ray coordinates, but for their source.

@@ -130,6 +130,19 @@ inline OwnedFrame Draw(const AnalyticScene& scene, const CameraMatrices& matrice
   return frame;
 }
 
+/// The ground from straight above, square, with a shadow where in_shadow(x, y) says so, whatever may cast it.
+template <typename InShadow>
+OwnedFrame DrawShadowOnGround(int side, LightRequest light, const InShadow& in_shadow) {
+  const CameraMatrices matrices{glm::lookAtRH(glm::dvec3(0, 0, 10), glm::dvec3(0, 0, 0), glm::dvec3(0, 1, 0)),
+                                Perspective(1.0, 1.0, 0.1, 100.0, ClipDepth::kNegativeOneToOne),
+                                ClipDepth::kNegativeOneToOne};
+  OwnedFrame frame = Draw(AnalyticScene{}, matrices, side, side, {std::move(light)});
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) frame.bits[static_cast<size_t>(y * side + x)] = in_shadow(x, y) ? 1 : 0;
+  }
+  return frame;
+}
+
 /// A viewer standing on the ground, as in a walk-through.
 inline CameraMatrices WalkThroughCamera(std::mt19937& random, ClipDepth convention, double aspect = 1.0) {
   const glm::dvec3 eye(Uniform(random, -2, 2), Uniform(random, -12, -8), Uniform(random, 1.2, 3.0));

@@ -102,6 +102,47 @@ TEST(Prediction, ShadowOutsideTheMapsIsCounted) {
   EXPECT_GT(compared, 30);
 }
 
+// A shadow's inside is sampled here and there: what lies between the samples of two maps is in neither,
+// though these hold every sample.
+TEST(Prediction, ShadowBetweenTwoMapsIsCounted) {
+  LightRequest light;
+  light.light = DirectionalLight{{0, 0, -1}};
+  const OwnedFrame frame = testing::DrawShadowOnGround(80, light, [](int, int y) { return y < 78; });
+  const Camera camera = *Camera::Create(frame.request.camera);
+  const RaySpace ray_space = *RaySpace::Create(frame.request.lights[0].light);
+  FrameSampler sampler;
+  FrameExtent extent;
+  std::vector<LightSamples> samples;
+  sampler.Sample(camera, frame.request.depth, frame.request.bits, {&ray_space, 1}, {80, 80}, &extent,
+                 &samples);
+  // Its inside is sampled in columns 4, 12 and so on: the gap lies between two of them.
+  const auto ray_at = [&](double x) {
+    const auto depth = static_cast<double>(frame.request.depth.At(40, 40));
+    const glm::dvec4 ws = camera.WsFromNdc({x / 40.0 - 1.0, 0.0, 2.0 * depth - 1.0});
+    return ray_space.RayFromPoint(glm::dvec3(ws) / ws.w);
+  };
+  const glm::dvec3 across = ray_at(80.0) - ray_at(0.0);
+  const auto strip = [&](double from, double to) {
+    // u = 0 at one end, 100 at the other; v everywhere the same.
+    const double scale = 100.0 / ((to - from) / 80.0 * glm::dot(across, across));
+    const glm::dvec3 u_row = scale * (across - glm::dot(across, ray_at(from)) * glm::dvec3(0, 0, 1));
+    return ShadowProjection{glm::transpose(glm::dmat3(u_row, glm::dvec3(0, 0, 50), glm::dvec3(0, 0, 1))),
+                            {100, 100}};
+  };
+  const std::vector<ShadowProjection> maps = {strip(-1.0, 38.0), strip(42.0, 81.0)};
+  LightProblem problem;
+  problem.camera = &camera;
+  problem.ray_space = &ray_space;
+  problem.samples = samples.data();
+  problem.sampler = &sampler;
+  ASSERT_TRUE(problem.KnowsShadow());
+  const std::optional<double> lost = ShadowOutside(problem, maps);
+  ASSERT_TRUE(lost.has_value());
+  // Four columns, but for the two lit rows.
+  EXPECT_NEAR(*lost, 4.0 * 78.0, 1.0);
+  EXPECT_EQ(ShadowOutside(problem, std::vector{strip(-1.0, 81.0)}).value_or(0.0), 0.0);
+}
+
 TEST(Prediction, NarrowShadowsTellOfMissedOnes) {
   std::mt19937 random(32);
   for (int trial = 0; trial < 60; ++trial) {

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "core/fit/metric.h"
 #include "tests/support/analytic_scene.h"
 #include "tests/unit/frame/plain_sampler.h"
 
@@ -226,6 +227,30 @@ TEST(FrameSampler, OutlinesOfWhatIsWhollyInShadowAreNoEdges) {
   EXPECT_LT(total(ground.rough_boundary), 60.0);
 }
 
+TEST(FrameSampler, AShadowsInsideMayHaveEdgesThatDoNotShow) {
+  // The right half of a floor in shadow: its edge shows, and what is a few samples away from it does not.
+  const OwnedFrame frame = testing::DrawShadowOnGround(120, Lamp(DirectionalLight{{0, 0, -1}}),
+                                                       [](int x, int) { return x >= 60; });
+  const LightSamples samples = Sample(frame, {480, 480})[0];
+  const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+  const auto right = space.RayFromPoint({1, 0, 0}) - space.RayFromPoint({0, 0, 0});
+  // A sample every eight, and those at the border.
+  EXPECT_GT(samples.unseen_boundary.size(), 60u * 120u / 64u / 2u);
+  double unseen = 0.0;
+  for (size_t i = 0; i < samples.unseen_boundary.size(); ++i) {
+    EXPECT_GT(glm::dot(right, samples.unseen_boundary.Ray(i) - space.RayFromPoint({0, 0, 0})), 0.0);
+    unseen += samples.unseen_boundary.length[i];
+  }
+  EXPECT_GT(unseen, 0.0);
+  EXPECT_LT(unseen, 0.1 * 480.0);
+  // Texels as wide as the shadow get more of it wrong than those of which there are a hundred.
+  const ShadowProjection coarse{glm::dmat3(1.0), {2, 2}};
+  ShadowProjection fine = coarse;
+  fine.texel_from_ray = glm::dmat3(50, 0, 0, 0, 50, 0, 0, 0, 1) * coarse.texel_from_ray;
+  const double lost = EdgeMetric(samples.unseen_boundary, coarse.texel_from_ray);
+  EXPECT_GT(lost, 20.0 * EdgeMetric(samples.unseen_boundary, fine.texel_from_ray));
+}
+
 TEST(FrameSampler, MeasuresTheVisibleDepthRange) {
   std::mt19937 random(5);
   for (const ClipDepth convention :
@@ -302,6 +327,7 @@ using Numbers = std::vector<double>;
 
 void Append(const BoundarySamples& samples, Numbers* numbers) {
   numbers->push_back(static_cast<double>(samples.size()));
+  numbers->push_back(samples.limit);
   for (size_t i = 0; i < samples.size(); ++i) {
     for (const glm::dvec3& v : {samples.Ray(i), samples.RayDx1(i), samples.RayDx2(i)}) {
       numbers->insert(numbers->end(), {v.x, v.y, v.z});
@@ -312,8 +338,7 @@ void Append(const BoundarySamples& samples, Numbers* numbers) {
 
 Numbers AllNumbersOf(const LightSamples& samples) {
   Numbers numbers = {static_cast<double>(samples.source), samples.pixels_per_sample, samples.narrow_share};
-  Append(samples.boundary, &numbers);
-  Append(samples.rough_boundary, &numbers);
+  for (const BoundarySamples* boundary : samples.Boundaries()) Append(*boundary, &numbers);
   for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
     for (const glm::dvec3& v : {samples.hull_rays[i], samples.hull_rays_dx1[i], samples.hull_rays_dx2[i]}) {
       numbers.insert(numbers.end(), {v.x, v.y, v.z});

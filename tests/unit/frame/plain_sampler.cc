@@ -68,6 +68,7 @@ class PlainSampler {
     }
     if (samples.boundary.size() > 0) samples.source = SampleSource::kShadowBoundary;
     samples.narrow_share = NarrowShare(light);
+    samples.unseen_boundary.limit = 200.0;
     return samples;
   }
 
@@ -120,6 +121,7 @@ class PlainSampler {
       AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, &samples.boundary);
     }
     if (!samples.hull_rays.empty()) samples.source = SampleSource::kAllVisible;
+    samples.boundary.limit = samples.unseen_boundary.limit = 200.0;
     return samples;
   }
 
@@ -261,6 +263,9 @@ class PlainSampler {
                          away * (lit_beside ? 0.32 : 0.05);
     if (crossings > 0) AddEdge(space, p, light, crossings, *samples, &samples->boundary);
     if (rough > 0) AddEdge(space, p, light, rough, *samples, &samples->rough_boundary);
+    if (crossings + rough == 0 && (Rim(p) & light) != 0) {
+      AddTexture(space, 0.02, *samples, &samples->unseen_boundary);
+    }
   }
 
   void AddEdge(const RaySpace& space, Pixel p, uint32_t light, double crossings, const LightSamples& hull,
@@ -290,6 +295,11 @@ class PlainSampler {
       AddSample(hull, edge.normal, crossings * edge.length_per_crossing, to);
       return;
     }
+    AddTexture(space, crossings, hull, to);
+  }
+
+  void AddTexture(const RaySpace& space, double crossings, const LightSamples& hull,
+                  BoundarySamples* to) const {
     AddSample(hull, {1.0, 0.0}, crossings * 0.25 * (scale_.x + scale_.y), to);
     TurnTexture(space, to->size() - 1, to);
   }
