@@ -113,15 +113,26 @@ AxisSearchResult AxisSearch::Descend(const WhitenedSamples& samples) {
   for (Point& point : points_) {
     point = DescendFrom(objective_, point, options_.evaluations_per_descent, kSearchTolerance);
   }
+  return Polish(samples, *std::min_element(points_.begin(), points_.end(), ByValue));
+}
+
+AxisSearchResult AxisSearch::DescendFromMap(const ShadowProjection& map) {
+  const std::optional<TexelGrid> grid = GridOf(map.texel_from_ray * glm::inverse(probes_.whitened_from_ray));
+  if (!grid) return {};
+  const double stretch = options_.free_aspect ? double(map.size.width) / size_.width : 1.0;
+  const AffineShape shape{glm::normalize(grid->step1), glm::normalize(grid->step2), stretch};
+  return Polish(probes_, StartAt(grid->axis, shape, objective_));
+}
+
+AxisSearchResult AxisSearch::Polish(const WhitenedSamples& samples, const Point& from) {
   const auto matrix_at = [&](const Point& point) {
     const AffineShape shape = EdgeObjective::ShapeOf(point.at);
     return rings_.TexelFromWhitened(EdgeObjective::AxisOf(point.at), shape, rings_.SizeOf(shape));
   };
   // From afar every sample pulls by its whole displacement, near the end by what an edge can show of it.
-  const Point& best_of_probes = *std::min_element(points_.begin(), points_.end(), ByValue);
-  const WhitenedSamples tangent = TangentAt(samples, *GridOf(matrix_at(best_of_probes)));
+  const WhitenedSamples tangent = TangentAt(samples, *GridOf(matrix_at(from)));
   EdgeObjective objective(tangent, size_, options_.free_aspect);
-  const Point best = DescendAnew(objective, best_of_probes, options_.evaluations_to_polish, kTolerance);
+  const Point best = DescendAnew(objective, from, options_.evaluations_to_polish, kTolerance);
   polish_evaluations_ = objective.evaluations();
 
   AxisSearchResult result;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <glm/glm.hpp>
+#include <limits>
 #include <optional>
 #include <tuple>
 #include <vector>
@@ -24,7 +25,8 @@ glm::dvec2 AxisAt(const std::vector<glm::dvec2>& hull, const glm::dvec2& y);
 struct AxisSearchResult {
   glm::dmat3 texel_from_whitened{1.0};  ///< Exactly around the hull.
   MapSize size;                         ///< As asked for unless the aspect is free.
-  double cost = 0.0;                    ///< The samples' sum of l y; infinite where no axis will do.
+  /// The samples' sum of l y; infinite where no axis will do.
+  double cost = std::numeric_limits<double>::infinity();
 };
 
 /// Minimises what a map displaces edges by, over all maps around the hull, in two halves: a survey that finds
@@ -47,10 +49,15 @@ class AxisSearch {
   /// Descends from the best of a survey, at last over all `samples`, which the probes are some of.
   AxisSearchResult Descend(const WhitenedSamples& samples);
 
+  /// Descends from a map that is known to be near the best, over all samples, which then are the probes.
+  AxisSearchResult DescendFromMap(const ShadowProjection& map);
+
   int evaluations() const { return rings_.evaluations() + objective_.evaluations() + polish_evaluations_; }
 
  private:
   using Point = DescentPoint<std::tuple_size_v<EdgeObjective::Parameters>>;
+
+  AxisSearchResult Polish(const WhitenedSamples& samples, const Point& from);
 
   const WhitenedSamples& probes_;
   const MapSize size_;

@@ -75,17 +75,23 @@ std::vector<LightSamples> DivideByCubeFaces(const LightSamples& samples) {
   return Divide(samples, 6, CubeFace);
 }
 
-LightSamples SomeSamples(const LightSamples& samples, absl::FunctionRef<bool(const glm::dvec3&)> chosen,
+LightSamples SomeSamples(const LightSamples& samples, size_t stride,
+                         absl::FunctionRef<bool(const glm::dvec3&)> chosen,
                          std::span<const uint8_t> hull_samples) {
   LightSamples some = NoneOf(samples);
   std::vector<size_t> indices;
+  size_t first = 0;
   for (BoundarySamples LightSamples::*boundary : kBoundaries) {
     const BoundarySamples& all = samples.*boundary;
     indices.clear();
-    for (size_t i = 0; i < all.size(); ++i) {
+    size_t i = first;
+    for (; i < all.size(); i += stride) {
       if (chosen(all.Ray(i))) indices.push_back(i);
     }
+    // The steps go on from one list to the next.
+    first = i - all.size();
     some.*boundary = Some(all, indices);
+    for (double& length : (some.*boundary).length) length *= static_cast<double>(stride);
   }
   for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
     if (hull_samples[i] != 0) CopyHullSample(samples, i, &some);

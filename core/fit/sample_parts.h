@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <span>
@@ -16,8 +17,10 @@ std::vector<LightSamples> DivideByPlane(const LightSamples& samples, const glm::
 /// The samples in each face of a cube around the light.
 std::vector<LightSamples> DivideByCubeFaces(const LightSamples& samples);
 
-/// The boundary samples whose ray is chosen, and the hull samples that are marked by a number other than 0.
-LightSamples SomeSamples(const LightSamples& samples, absl::FunctionRef<bool(const glm::dvec3&)> chosen,
+/// Of every stride-th boundary sample, with stride times its length, those whose ray is chosen; and the hull
+/// samples that are marked by a number other than 0.
+LightSamples SomeSamples(const LightSamples& samples, size_t stride,
+                         absl::FunctionRef<bool(const glm::dvec3&)> chosen,
                          std::span<const uint8_t> hull_samples);
 
 }  // namespace shadowfit

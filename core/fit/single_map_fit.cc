@@ -146,6 +146,22 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
   return fit;
 }
 
+/// What a search found, in ray coordinates.
+void Take(const AxisSearchResult& found, const WhitenedSamples& samples, SingleMapFit* fit) {
+  fit->cost = found.cost;
+  fit->projection.size = found.size;
+  fit->projection.texel_from_ray = WithUnitAxis(found.texel_from_whitened * samples.whitened_from_ray);
+}
+
+/// Whether a map of its cost around the hull is of use.
+void Judge(const RayHull& hull, SingleMapFit* fit) {
+  // Sums of costs stay finite.
+  constexpr double kMostCost = 1e60;
+  fit->complete = hull.complete;
+  fit->usable = hull.complete && fit->cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
+  fit->cost = std::min(fit->cost, kMostCost);
+}
+
 }  // namespace
 
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options) {
@@ -169,10 +185,7 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
   if (kept && !(fit.cost < to_beat)) {
     fit.kept_previous = true;
   } else {
-    const AxisSearchResult found = search.Descend(Whiten(problem, hull));
-    fit.cost = found.cost;
-    fit.projection.size = found.size;
-    fit.projection.texel_from_ray = WithUnitAxis(found.texel_from_whitened * probes.whitened_from_ray);
+    Take(search.Descend(Whiten(problem, hull)), probes, &fit);
     // What the probes say of a small difference is not what all samples say.
     fit.kept_previous =
         kept && PredictMisclassifiedPixels(*problem.samples, {&kept->projection, 1}) +
@@ -180,16 +193,22 @@ SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& opt
                     options.keep_within * PredictMisclassifiedPixels(*problem.samples, {&fit.projection, 1});
   }
   if (fit.kept_previous) fit.projection = kept->projection;
-
-  fit.complete = hull.complete;
-  // Sums of costs stay finite.
-  constexpr double kMostCost = 1e60;
-  fit.usable = fit.complete && fit.cost < kMostCost && hull.cos_half_angle > std::cos(kWidestHalfAngle);
-  fit.cost = std::min(fit.cost, kMostCost);
+  fit.evaluations = search.evaluations();
+  Judge(hull, &fit);
   for (const BoundarySamples* boundary : problem.samples->Boundaries()) {
     for (const double length : boundary->length) fit.edge_length += length;
   }
+  return fit;
+}
+
+SingleMapFit RefitSingleMap(const LightProblem& problem, const DefaultOptions& options) {
+  const RayHull hull = MakeFitHull(problem);
+  const WhitenedSamples samples = Whiten(problem, hull);
+  AxisSearch search(samples, problem.map_size, options);
+  SingleMapFit fit;
+  Take(search.DescendFromMap(*problem.previous), samples, &fit);
   fit.evaluations = search.evaluations();
+  Judge(hull, &fit);
   return fit;
 }
 

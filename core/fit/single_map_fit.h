@@ -28,4 +28,8 @@ struct SingleMapFit {
 /// map is left unsaid.
 SingleMapFit FitSingleMap(const LightProblem& problem, const DefaultOptions& options);
 
+/// The best map in the valley of `problem.previous`, which must be given and is near it: a descent without a
+/// search.
+SingleMapFit RefitSingleMap(const LightProblem& problem, const DefaultOptions& options);
+
 }  // namespace shadowfit

@@ -115,6 +115,9 @@ constexpr size_t kBins = 48;
 /// Fewer samples than this are all needed; at least the lanes of a vector.
 constexpr size_t kFewest = 32;
 
+/// Edges that a cut and the fit after it are chosen by; whether they are better is asked of all.
+constexpr size_t kMostEdgeSamples = 1024;
+
 /// A side of a map moved inwards.
 struct Cut {
   bool along_x = true;  ///< The side bounds x; y otherwise.
@@ -170,7 +173,7 @@ class Trimmer {
   /// Returns what the maps are predicted to get wrong, which is `predicted` before.
   double Trim(double predicted) {
     // What earlier maps hold this one need not, nor what it does not hold.
-    if (maps_.size() > 1 || !HoldShadow(*samples_, maps_)) FitToWhatIsLeft(&predicted);
+    if (maps_.size() > 1 || !HoldShadow(*samples_, maps_)) FitToWhatIsLeft(&FitSingleMap, &predicted);
     for (int cuts = 0; cuts < kMostCuts && samples_->hull_rays.size() >= kFewest; ++cuts) {
       if (IsCancelled(problem_.cancellation)) break;
       const std::array<Cut, 4> best = BestCuts();
@@ -178,7 +181,7 @@ class Trimmer {
         return cut.gain > kLeastTrimGain * predicted && Make(cut, &predicted);
       });
       if (!made) break;
-      FitToWhatIsLeft(&predicted);
+      FitToWhatIsLeft(&RefitSingleMap, &predicted);
     }
     return predicted;
   }
@@ -300,7 +303,8 @@ class Trimmer {
   }
 
   /// A new map in the place of one whose sides were cut, where it is better.
-  void FitToWhatIsLeft(double* predicted) {
+  void FitToWhatIsLeft(SingleMapFit (*fit_map)(const LightProblem&, const DefaultOptions&),
+                       double* predicted) {
     KeepSamples([&](const glm::dvec3& ray) { return map_.Holds(ray); });
     if (samples_->hull_rays.empty()) return;
     const ShadowProjection cut_map = map_;
@@ -308,7 +312,7 @@ class Trimmer {
     problem.samples = samples_;
     problem.previous = &cut_map;
     problem.map_size = options_.free_aspect ? requested_size_ : cut_map.size;
-    const SingleMapFit fit = FitSingleMap(problem, options_);
+    const SingleMapFit fit = fit_map(problem, options_);
     evaluations_ += fit.evaluations;
     // Where no map is of use for what is left, a further cut may help, and the cut map leads there.
     if (!fit.usable) return;
@@ -326,7 +330,8 @@ class Trimmer {
     for (size_t i = 0; i < stays_.size(); ++i) {
       if (stays_[i] != 0 && !chosen(samples_->hull_rays[i])) stays_[i] = 0;
     }
-    LightSamples kept = SomeSamples(*samples_, chosen, stays_);
+    const size_t stride = (samples_->EdgeSamples() + kMostEdgeSamples - 1) / kMostEdgeSamples;
+    LightSamples kept = SomeSamples(*samples_, std::max<size_t>(1, stride), chosen, stays_);
     own_samples_ = std::move(kept);
     samples_ = &own_samples_;
     stays_.assign(own_samples_.hull_rays.size(), 1);

@@ -15,7 +15,7 @@ namespace shadowfit {
 /// sides is moved inwards over the samples in shadow nearest to it. By the metric's slope along the map's
 /// width a cut of the share c saves about c times the pixels that texels of this width cost, and it costs the
 /// pixels of the shadow that end outside. The best cut is made, a map fitted to what is left
-/// (FitSingleMap()), and kept where the frame says that fewer pixels are wrong (PredictWrongPixels()); and
+/// (RefitSingleMap()), and kept where the frame says that fewer pixels are wrong (PredictWrongPixels()); and
 /// again, until no cut is. Of several maps the first that holds a sample has it; what a map lets go of,
 /// others may hold.
 ///

@@ -44,8 +44,9 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, size_t stride, s
     const auto store = [&](Doubles v, std::vector<float>* to) {
       hn::StoreU(hn::DemoteTo(df, hn::Compress(v, usable)), df, to->data() + next);
     };
-    store(hn::Div(p.x, p.z), &whitened->x);
-    store(hn::Div(p.y, p.z), &whitened->y);
+    const Doubles inverse_z = hn::Div(hn::Set(d, 1.0), p.z);
+    store(hn::Mul(p.x, inverse_z), &whitened->x);
+    store(hn::Mul(p.y, inverse_z), &whitened->y);
     store(e.x, &whitened->e1);
     store(e.y, &whitened->e2);
     store(e.z, &whitened->e3);
@@ -137,12 +138,6 @@ std::array<std::vector<float>*, 6> Arrays(WhitenedSamples* samples) {
   return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3, &samples->inverse_limit};
 }
 
-size_t EdgeSamples(const LightSamples& samples) {
-  size_t count = 0;
-  for (const BoundarySamples* boundary : samples.Boundaries()) count += boundary->size();
-  return count;
-}
-
 /// Of every stride-th sample.
 WhitenedSamples WhitenEvery(size_t stride, const LightProblem& problem, const RayHull& hull) {
   WhitenedSamples whitened;
@@ -161,7 +156,7 @@ WhitenedSamples WhitenEvery(size_t stride, const LightProblem& problem, const Ra
   whitened.whitened_from_ray = glm::transpose(glm::dmat3(row1, row2, plane.axis)) * hull.normalized_from_ray;
   for (const glm::dvec2& v : polygon) whitened.hull.push_back(scale * (v - moments.mean));
 
-  const size_t most = (EdgeSamples(*problem.samples) + stride - 1) / stride;
+  const size_t most = (problem.samples->EdgeSamples() + stride - 1) / stride;
   for (std::vector<float>* lane : Arrays(&whitened)) lane->resize(most + kMostDoubles);
   const auto add = HWY_DYNAMIC_DISPATCH(AddSamples);
   size_t count = 0;
@@ -208,7 +203,7 @@ WhitenedSamples TangentAt(const WhitenedSamples& samples, const TexelGrid& map, 
 }
 
 WhitenedSamples WhitenSome(const LightProblem& problem, const RayHull& hull, int most) {
-  const size_t count = EdgeSamples(*problem.samples);
+  const size_t count = problem.samples->EdgeSamples();
   const auto limit = static_cast<size_t>(most);
   return WhitenEvery(std::max<size_t>(1, (count + limit - 1) / limit), problem, hull);
 }

@@ -89,6 +89,7 @@ struct LightSamples {
   std::array<const BoundarySamples*, 3> Boundaries() const {
     return {&boundary, &rough_boundary, &unseen_boundary};
   }
+  size_t EdgeSamples() const { return boundary.size() + rough_boundary.size() + unseen_boundary.size(); }
 
   /// How far a footprint reaches from its sample, in low-resolution pixels. A shadow that has the sample and
   /// not its neighbour ends anywhere between them, beyond a reach of r by (1 - r)^2 / 2 on average: 1/8 of a

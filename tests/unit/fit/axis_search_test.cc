@@ -50,6 +50,32 @@ TEST(AxisSearch, CostOfAMapIsThatOfItsGrid) {
   EXPECT_FALSE(GridOf(glm::dmat3(glm::dvec3(1, 0, 0), glm::dvec3(0, 1, 0), glm::dvec3(0, 0, -1))));
 }
 
+TEST(AxisSearch, DescendsFromAMapToTheFloorOfItsValley) {
+  std::mt19937 random(8);
+  double sum = 0.0;
+  constexpr int kLights = 100;
+  for (int i = 0; i < kLights; ++i) {
+    const WhitenedSamples samples = RandomWhitenedSamples(random, 500);
+    DefaultOptions options;
+    options.free_aspect = i % 2 == 1;
+    const AxisSearchResult best = Search(samples, options.free_aspect).result;
+    // A little aside: larger, sheared and tilted.
+    glm::dmat3 aside(1.0);
+    aside[0][0] = Uniform(random, 0.7, 0.9);
+    aside[1][0] = Uniform(random, -0.2, 0.2);
+    aside[0][2] = Uniform(random, -0.1, 0.1) / best.size.width;
+    const ShadowProjection map{aside * best.texel_from_whitened, best.size};
+    AxisSearch search(samples, kMap, options);
+    const double before = search.CostOf(*GridOf(map.texel_from_ray));
+    const double cost = search.DescendFromMap(map).cost;
+    EXPECT_LT(cost, before) << i;
+    EXPECT_LT(cost, 1.1 * best.cost) << i;
+    sum += cost / best.cost;
+    EXPECT_LE(search.evaluations(), 2 + options.evaluations_to_polish);
+  }
+  EXPECT_LT(sum / kLights, 1.01);
+}
+
 TEST(AxisSearch, LooksAtNoAxisThatCannotReachWhatItIsToBeat) {
   std::mt19937 random(7);
   for (int i = 0; i < 50; ++i) {
