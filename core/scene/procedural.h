@@ -36,6 +36,12 @@ StandPoint PlazaStandPoint();
 absl::StatusOr<Scene> MakeHall(size_t triangles = 400'000, uint64_t seed = 1);
 StandPoint HallStandPoint();
 
+/// Streets 34 m apart between towers of 6 to 60 m, over 600 m, with street lamps and cars: shadows that reach
+/// far beyond what a walker sees of them. At most `triangles` triangles. InvalidArgument below the tens of
+/// thousands that the shapes need.
+absl::StatusOr<Scene> MakeCity(size_t triangles = 200'000, uint64_t seed = 1);
+StandPoint CityStandPoint();
+
 /// `triangles` random triangles of 40 square metres in all, in the box [-5,5]^2 x [0.5,5] above a floor of
 /// two more. triangles >= 1.
 Scene MakeRandomTriangles(size_t triangles, uint64_t seed);
@@ -57,7 +63,7 @@ struct DuelingFrusta {
 };
 DuelingFrusta MakeDuelingFrusta();
 
-/// A generated scene by name: "plaza", "hall", "random", "terrain", "hairball" or "dueling", with
+/// A generated scene by name: "plaza", "hall", "city", "random", "terrain", "hairball" or "dueling", with
 /// ":TRIANGLES" behind the name for another size than the usual one. NotFound for other names,
 /// InvalidArgument for a size that is no number or does not suit.
 absl::StatusOr<Scene> MakeProceduralScene(std::string_view name);

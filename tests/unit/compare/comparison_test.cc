@@ -6,6 +6,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "absl/strings/str_cat.h"
 #include "client/compare/comparison_report.h"
 #include "core/reference/view_study.h"
 #include "core/scene/procedural.h"
@@ -79,6 +80,34 @@ TEST_F(ComparisonTest, CountsAreThoseOfTheTruth) {
     EXPECT_GT(method.milliseconds, 0.0);
     EXPECT_GT(method.wrong_pixels, 0);
     EXPECT_LT(method.wrong_pixels, study.concerned_pixels);
+  }
+}
+
+// In streets shadows reach far beyond what is seen of them: maps that serve the few edges that are seen, and
+// nothing else, let light into the rest.
+TEST_F(ComparisonTest, NoShadowsInsideIsLostInACity) {
+  ComparisonOptions options = SmallOptions();
+  options.sets = {{LightPlacement::kNear, 24}, {LightPlacement::kDirectional, 24}};
+  options.views = 6;
+  options.screen = {240, 240};
+  options.samples = {80, 80};
+  options.methods = {Variant(Method::kPaper)};
+  for (const int most_maps : {1, 2}) {
+    for (const bool free_aspect : {false, true}) {
+      MethodVariant& variant = options.methods.emplace_back(Variant(Method::kDefault));
+      variant.name = absl::StrCat(most_maps, " maps, free aspect ", free_aspect);
+      variant.options.standard.most_maps = most_maps;
+      variant.options.standard.free_aspect = free_aspect;
+    }
+  }
+  const auto comparison = RunComparison(*MakeCity(), options, nullptr);
+  ASSERT_TRUE(comparison.ok()) << comparison.status();
+  const int pixels = options.screen.width * options.screen.height;
+  for (const LightRecord& light : comparison->lights) {
+    for (size_t m = 1; m < light.methods.size(); ++m) {
+      EXPECT_LT(light.methods[m].wrong_pixels, light.methods[0].wrong_pixels + pixels / 100)
+          << LightPlacementName(light.placement) << " " << light.index << ", " << options.methods[m].name;
+    }
   }
 }
 
