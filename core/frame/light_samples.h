@@ -12,8 +12,9 @@ namespace shadowfit {
 /// ranks 1,280 lights of five scenes and views most as their counts against rays do.
 inline constexpr double kEdgeLimit = 2.0;
 
-/// The same of edges that may be anywhere: a texel as wide as a wall gets it wrong from end to end.
-inline constexpr double kUnseenEdgeLimit = 200.0;
+/// The same of edges that may be anywhere: texels as wide as a wall get all of it wrong, about as many pixels
+/// as such a sample stands for.
+inline constexpr double kUnseenEdgeLimit = 1e4;
 
 /// What a fit weighs: samples of the shadow boundary, structure of arrays, in one light's ray coordinates.
 /// The nine numbers r, dr/dx1, dr/dx2 are all that an objective needs of a sample, and none of them depends

@@ -68,7 +68,7 @@ class PlainSampler {
     }
     if (samples.boundary.size() > 0) samples.source = SampleSource::kShadowBoundary;
     samples.narrow_share = NarrowShare(light);
-    samples.unseen_boundary.limit = 200.0;
+    samples.unseen_boundary.limit = 1e4;
     return samples;
   }
 
@@ -121,7 +121,7 @@ class PlainSampler {
       AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, &samples.boundary);
     }
     if (!samples.hull_rays.empty()) samples.source = SampleSource::kAllVisible;
-    samples.boundary.limit = samples.unseen_boundary.limit = 200.0;
+    samples.boundary.limit = samples.unseen_boundary.limit = 1e4;
     return samples;
   }
 
