@@ -264,7 +264,7 @@ class PlainSampler {
     if (crossings > 0) AddEdge(space, p, light, crossings, *samples, &samples->boundary);
     if (rough > 0) AddEdge(space, p, light, rough, *samples, &samples->rough_boundary);
     if (crossings + rough == 0 && (Rim(p) & light) != 0) {
-      AddTexture(space, 0.02, *samples, &samples->unseen_boundary);
+      AddTexture(space, 0.01, *samples, &samples->unseen_boundary);
     }
   }
 
