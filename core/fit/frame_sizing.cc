@@ -54,7 +54,8 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   for (const ShadowProjection& projection : light.fit.Projections()) texels += projection.size.texels();
   double length = 0.0;
   double most_pixels = 0.0;
-  for (const BoundarySamples* boundary : samples.Boundaries()) {
+  // Edges that do not show add next to nothing to a prediction, and would raise what it may approach.
+  for (const BoundarySamples* boundary : {&samples.boundary, &samples.rough_boundary}) {
     const double of_list = std::accumulate(boundary->length.begin(), boundary->length.end(), 0.0);
     length += of_list;
     most_pixels += boundary->limit * of_list;
