@@ -1,5 +1,3 @@
-#include <string>
-
 #include "absl/strings/str_format.h"
 #include "core/scene/patches.h"
 #include "core/scene/procedural.h"
@@ -20,7 +18,10 @@ void AddTower(Patches* patches, const glm::dvec3& foot, Random* random) {
   const double depth = random->Uniform(16.0, 26.0);
   patches->AddBox(Patches::Standing(foot), {width, depth, height});
   for (int i = 0; i < 3; ++i) {
-    const glm::dvec3 roof = foot + glm::dvec3(random->Uniform(-6.0, 6.0), random->Uniform(-6.0, 6.0), height);
+    // One after the other: the order in which arguments are evaluated is the compiler's.
+    const double y = random->Uniform(-6.0, 6.0);
+    const double x = random->Uniform(-6.0, 6.0);
+    const glm::dvec3 roof = foot + glm::dvec3(x, y, height);
     patches->AddBox(Patches::Standing(roof),
                     {random->Uniform(0.6, 4.0), random->Uniform(0.6, 4.0), random->Uniform(1.0, 2.5)});
   }
@@ -68,10 +69,12 @@ absl::StatusOr<Scene> MakeCity(size_t triangles, uint64_t seed) {
       const auto along = [&] { return random.Uniform(-0.45 * kBlock, 0.45 * kBlock); };
       patches.SetMaterial(metal);
       for (int i = 0; i < 4; ++i) {
-        AddStreetLamp(&patches, street + glm::dvec3(random.Uniform(-3.5, -2.5), along(), 0.0));
+        const double y = along();
+        AddStreetLamp(&patches, street + glm::dvec3(random.Uniform(-3.5, -2.5), y, 0.0));
       }
       for (int i = 0; i < 3; ++i) {
-        const glm::dvec3 place = street + glm::dvec3(random.Uniform(2.0, 3.0), along(), 0.0);
+        const double y = along();
+        const glm::dvec3 place = street + glm::dvec3(random.Uniform(2.0, 3.0), y, 0.0);
         AddCar(&patches, Patches::Standing(place, random.Uniform(-0.1, 0.1)));
       }
     }
