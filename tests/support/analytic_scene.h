@@ -132,11 +132,11 @@ inline OwnedFrame Draw(const AnalyticScene& scene, const CameraMatrices& matrice
 
 /// The ground from straight above, square, with a shadow where in_shadow(x, y) says so, whatever may cast it.
 template <typename InShadow>
-OwnedFrame DrawShadowOnGround(int side, LightRequest light, const InShadow& in_shadow) {
+OwnedFrame DrawShadowOnGround(int side, const LightRequest& light, const InShadow& in_shadow) {
   const CameraMatrices matrices{glm::lookAtRH(glm::dvec3(0, 0, 10), glm::dvec3(0, 0, 0), glm::dvec3(0, 1, 0)),
                                 Perspective(1.0, 1.0, 0.1, 100.0, ClipDepth::kNegativeOneToOne),
                                 ClipDepth::kNegativeOneToOne};
-  OwnedFrame frame = Draw(AnalyticScene{}, matrices, side, side, {std::move(light)});
+  OwnedFrame frame = Draw(AnalyticScene{}, matrices, side, side, {light});
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) frame.bits[static_cast<size_t>(y * side + x)] = in_shadow(x, y) ? 1 : 0;
   }
