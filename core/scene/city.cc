@@ -1,4 +1,4 @@
-#include "absl/strings/str_format.h"
+#include "core/scene/generating.h"
 #include "core/scene/patches.h"
 #include "core/scene/procedural.h"
 #include "core/scene/random.h"
@@ -42,15 +42,9 @@ void AddCar(Patches* patches, const Patches::Frame& frame) {
 absl::StatusOr<Scene> MakeCity(size_t triangles, uint64_t seed) {
   Scene scene;
   scene.name = "city";
-  const auto material = [&](const char* name, glm::vec3 diffuse) {
-    Material& added = scene.materials.emplace_back();
-    added.name = name;
-    added.diffuse = diffuse;
-    return static_cast<int>(scene.materials.size()) - 1;
-  };
-  const int asphalt = material("asphalt", {0.3f, 0.3f, 0.32f});
-  const int concrete = material("concrete", {0.7f, 0.68f, 0.64f});
-  const int metal = material("metal", {0.4f, 0.42f, 0.45f});
+  const int asphalt = AddMaterial(&scene, "asphalt", {0.3f, 0.3f, 0.32f});
+  const int concrete = AddMaterial(&scene, "concrete", {0.7f, 0.68f, 0.64f});
+  const int metal = AddMaterial(&scene, "metal", {0.4f, 0.42f, 0.45f});
 
   Random random(seed);
   Patches patches;
@@ -80,10 +74,7 @@ absl::StatusOr<Scene> MakeCity(size_t triangles, uint64_t seed) {
     }
   }
   const size_t least = patches.LeastTriangles();
-  if (triangles < least) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("city: %d triangles, at least %d are needed", triangles, least));
-  }
+  if (triangles < least) return TooFew("city", triangles, least);
   patches.Tessellate(triangles, &scene);
   return scene;
 }

@@ -8,6 +8,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "core/scene/generating.h"
 #include "core/scene/patches.h"
 #include "core/scene/random.h"
 
@@ -15,13 +16,6 @@ namespace shadowfit {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-
-int AddMaterial(Scene* scene, const char* name, glm::vec3 diffuse) {
-  Material& material = scene->materials.emplace_back();
-  material.name = name;
-  material.diffuse = diffuse;
-  return static_cast<int>(scene->materials.size()) - 1;
-}
 
 Mesh& AddMesh(Scene* scene, int material) {
   scene->instances.push_back({.mesh = static_cast<int>(scene->meshes.size())});
@@ -206,11 +200,6 @@ void AddWindowWall(Patches* patches, const Patches::Frame& frame, double length,
     }
   }
   block(x, length, kSill, kLintel);
-}
-
-absl::Status TooFew(const char* scene, size_t triangles, size_t least) {
-  return absl::InvalidArgumentError(
-      absl::StrFormat("%s: %d triangles, at least %d are needed", scene, triangles, least));
 }
 
 /// Value noise of a lattice with smooth interpolation, in [-1,1].
