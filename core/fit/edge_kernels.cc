@@ -185,7 +185,7 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
   return {sum(cost), {sum(f1x), sum(f1y)}, {sum(f2x), sum(f2y)}, {sum(per_a), sum(per_b)}};
 }
 
-float WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+float WeighByTangent(const float* x, const float* y, const EdgeLimits& limits, size_t count,
                      const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
                      float* e3) {
   const Lanes d;
@@ -202,9 +202,16 @@ float WeighByTangent(const float* x, const float* y, const float* inverse_limit,
       return hn::Abs(hn::MulAdd(g.gx, hn::Set(d, step[0]), hn::Mul(g.gy, hn::Set(d, step[1]))));
     };
     const auto cost = ExpectedWidth(along(b1), along(b2));
-    const auto excess = hn::MulAdd(cost, hn::LoadU(d, inverse_limit + i), one);
-    const auto weight = hn::Div(one, hn::Mul(excess, excess));
-    sum = hn::Add(sum, hn::Div(cost, excess));
+    // c / (1 + c/k) has the slope 1 / (1 + c/k)^2.
+    const auto share = [&](const float* inverse) {
+      return hn::Div(one, hn::MulAdd(cost, hn::LoadU(d, inverse + i), one));
+    };
+    const auto plain = share(limits.inverse_limit);
+    const auto wide = share(limits.inverse_tail_limit);
+    const auto tail = hn::LoadU(d, limits.tail + i);
+    const auto mixed = [&](auto a, auto b) { return hn::MulAdd(tail, hn::Sub(b, a), a); };
+    const auto weight = mixed(hn::Mul(plain, plain), hn::Mul(wide, wide));
+    sum = hn::MulAdd(cost, mixed(plain, wide), sum);
     hn::StoreU(hn::Mul(first, weight), d, e1 + i);
     hn::StoreU(hn::Mul(second, weight), d, e2 + i);
     hn::StoreU(hn::Mul(third, weight), d, e3 + i);
@@ -299,10 +306,10 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
                              const float b2[2]) {
   return HWY_DYNAMIC_DISPATCH(EdgeCostAndSlopes)(x, y, e1, e2, e3, count, axis, b1, b2);
 }
-float WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+float WeighByTangent(const float* x, const float* y, const EdgeLimits& limits, size_t count,
                      const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
                      float* e3) {
-  return HWY_DYNAMIC_DISPATCH(WeighByTangent)(x, y, inverse_limit, count, axis, b1, b2, e1, e2, e3);
+  return HWY_DYNAMIC_DISPATCH(WeighByTangent)(x, y, limits, count, axis, b1, b2, e1, e2, e3);
 }
 HullView ViewHull(const float* x, const float* y, size_t count, const float axis[2], const float normal1[2],
                   const float normal2[2]) {

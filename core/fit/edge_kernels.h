@@ -60,9 +60,17 @@ EdgeSlopes EdgeCostAndSlopes(const float* x, const float* y, const float* e1, co
                              const float* e3, size_t count, const float axis[2], const float b1[2],
                              const float b2[2]);
 
-/// Multiplies the covectors' e1, e2, e3 (as for EdgeCovectors) of each sample by (1 + c inverse_limit)^-2, c
-/// being its EdgeCost at the axis and the steps. Returns the sum of c / (1 + c inverse_limit).
-float WeighByTangent(const float* x, const float* y, const float* inverse_limit, size_t count,
+/// What samples' costs c count for: f(c) = (1 - tail) c / (1 + c inverse_limit) + tail c / (1 + c
+/// inverse_tail_limit).
+struct EdgeLimits {
+  const float* inverse_limit;
+  const float* inverse_tail_limit;
+  const float* tail;
+};
+
+/// Multiplies the covectors' e1, e2, e3 (as for EdgeCovectors) of each sample by f'(c), c being its EdgeCost
+/// at the axis and the steps. Returns the sum of f(c).
+float WeighByTangent(const float* x, const float* y, const EdgeLimits& limits, size_t count,
                      const float axis[2], const float b1[2], const float b2[2], float* e1, float* e2,
                      float* e3);
 

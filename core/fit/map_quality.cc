@@ -66,7 +66,7 @@ void Add(const Camera& camera, const RaySpace& ray_space, const BoundarySamples&
     sums->per_area += length / area;
     sums->root_area += length * std::sqrt(area);
     sums->displaced += length * displacement;
-    sums->predicted += EdgePixels(length, displacement, samples.limit);
+    sums->predicted += EdgePixels(length, displacement, samples.limit, samples.tail[i]);
   }
 }
 

@@ -82,14 +82,35 @@ Displacements DisplacementsOf(const Load& load, const BoundarySamples& samples, 
   return of;
 }
 
+/// The two parts of what pixels of displacement count for each, see the header: their shares are 1 - tail and
+/// tail.
+struct Counts {
+  Doubles plain;
+  Doubles wide;
+  Doubles tail;
+
+  Doubles Share() const { return Mixed(plain, wide); }
+  /// d/dy of what y counts. That of y / (1 + y / k) is 1 / (1 + y / k)^2.
+  Doubles Slope() const { return Mixed(hn::Mul(plain, plain), hn::Mul(wide, wide)); }
+
+ private:
+  Doubles Mixed(Doubles a, Doubles b) const { return hn::MulAdd(tail, hn::Sub(b, a), a); }
+};
+
+template <class Load>
+Counts CountsOf(const Load& load, const BoundarySamples& samples, Doubles pixels) {
+  const DoubleLanes d;
+  const auto one = hn::Set(d, 1.0);
+  const auto count = [&](double k) { return hn::Div(one, hn::MulAdd(pixels, hn::Set(d, 1.0 / k), one)); };
+  return {count(samples.limit), count(kUnseenEdgeLimit), load(samples.tail)};
+}
+
 /// EdgePixels of some samples' edges; see the header.
 template <class Load>
 Doubles EdgePixelsOf(const Load& load, const BoundarySamples& samples, const ScaledJacobians& k) {
-  const DoubleLanes d;
   const Displacements of = DisplacementsOf(load, samples, k);
-  const auto counted = hn::Div(hn::Mul(load(samples.length), of.pixels),
-                               hn::MulAdd(of.pixels, hn::Set(d, 1.0 / samples.limit), hn::Set(d, 1.0)));
-  return hn::IfThenElseZero(of.usable, counted);
+  const Doubles displaced = hn::Mul(load(samples.length), of.pixels);
+  return hn::IfThenElseZero(of.usable, hn::Mul(displaced, CountsOf(load, samples, of.pixels).Share()));
 }
 
 double EdgeSum(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {
@@ -142,19 +163,18 @@ void WriteEdges(const BoundarySamples& samples, const ShadowProjection& map, siz
     store(share(p.x, map.size.width), &edges->x);
     store(share(p.y, map.size.height), &edges->y);
     const Displacements of = DisplacementsOf(load, samples, JacobiansOf(load, samples, map.texel_from_ray));
-    const auto one = hn::Set(d, 1.0);
-    const Doubles reduction = hn::Div(one, hn::MulAdd(of.pixels, hn::Set(d, 1.0 / samples.limit), one));
-    const Doubles per_pixel = hn::IfThenElseZero(of.usable, hn::Mul(load(samples.length), reduction));
-    store(hn::Mul(per_pixel, of.pixels), &edges->pixels);
+    const Counts counts = CountsOf(load, samples, of.pixels);
+    const Doubles length = hn::IfThenElseZero(of.usable, load(samples.length));
+    store(hn::Mul(hn::Mul(length, of.pixels), counts.Share()), &edges->pixels);
     // d/dln along_k of s/4 + t^2 / (12 s): s/4 - t^2/(12 s) for the greater, t^2 / (6 s) for the lesser one,
-    // which add up to the whole; and d/dy of y / (1 + y/k) is 1 / (1 + y/k)^2.
-    const auto t = hn::Min(of.along1, of.along2);
+    // which add up to the whole.
+    const Doubles per_pixel = hn::Mul(length, counts.Slope());
+    const Doubles t = hn::Min(of.along1, of.along2);
     const Doubles of_lesser =
         hn::Mul(of.scale, hn::Div(hn::Mul(t, t), hn::Mul(hn::Set(d, 6.0), hn::Max(of.along1, of.along2))));
     const Doubles of_greater = hn::Sub(of.pixels, of_lesser);
     const auto slope = [&](hn::Mask<DoubleLanes> is_greater) {
-      const Doubles slope_of =
-          hn::Mul(hn::Mul(per_pixel, reduction), hn::IfThenElse(is_greater, of_greater, of_lesser));
+      const Doubles slope_of = hn::Mul(per_pixel, hn::IfThenElse(is_greater, of_greater, of_lesser));
       return hn::IfThenElseZero(of.usable, slope_of);
     };
     store(slope(hn::Ge(of.along1, of.along2)), &edges->per_width);
@@ -237,7 +257,8 @@ double EdgeDisplacement(const BoundarySamples& samples, size_t i, const glm::dma
 }
 
 double EdgeMetricOfSample(const BoundarySamples& samples, size_t i, const glm::dmat3& texel_from_ray) {
-  return EdgePixels(samples.length[i], EdgeDisplacement(samples, i, texel_from_ray), samples.limit);
+  return EdgePixels(samples.length[i], EdgeDisplacement(samples, i, texel_from_ray), samples.limit,
+                    samples.tail[i]);
 }
 
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray) {

@@ -38,16 +38,20 @@ double FrobeniusMedian(const BoundarySamples& samples, const glm::dmat3& texel_f
 ///
 /// (E|S + T| given T is s/4 + T^2/s, as |T| <= s/2; and E T^2 = t^2/12.)  The wrong strip is only as wide as
 /// that, y, where the shadow and the light beside it are wider: elsewhere shadows are lost, and no more than
-/// they. An edge counts y / (1 + y / limit) pixels for each pixel of its length. Summed over the
-/// samples' lengths; samples with h3.r <= 0 or a singular Jacobian are left out.
+/// they. And of wide shadows some edges are not where they seem to be: what texels that are wider yet take of
+/// them counts as well, if less. For each pixel of its length an edge counts
+///
+///   (1 - tail) y / (1 + y / limit) + tail y / (1 + y / kUnseenEdgeLimit)
+///
+/// pixels. Summed over the samples' lengths; samples with h3.r <= 0 or a singular Jacobian are left out.
 double EdgeMetric(const BoundarySamples& samples, const glm::dmat3& texel_from_ray);
 
 /// The same for several maps: each sample under the first that holds it; nothing for those that none holds.
 double EdgeMetricOfHeld(const BoundarySamples& samples, std::span<const ShadowProjection> maps);
 
 /// What an edge of a length gets wrong that is displaced by y, all in pixels.
-inline double EdgePixels(double length, double y, double limit = kEdgeLimit) {
-  return length * y / (1.0 + y / limit);
+inline double EdgePixels(double length, double y, double limit, double tail) {
+  return length * y * ((1.0 - tail) / (1.0 + y / limit) + tail / (1.0 + y / kUnseenEdgeLimit));
 }
 
 /// The y of one sample's edge, pixels; 0 where it is left out.

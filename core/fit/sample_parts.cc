@@ -19,7 +19,7 @@ BoundarySamples Some(const BoundarySamples& from, const std::vector<size_t>& ind
   for (size_t k = 0; k < indices.size(); ++k) {
     const size_t i = indices[k];
     some.Set(k, from.Ray(i), from.RayDx1(i), from.RayDx2(i), from.q[i], {from.n1[i], from.n2[i]},
-             from.length[i]);
+             from.length[i], from.tail[i]);
   }
   return some;
 }

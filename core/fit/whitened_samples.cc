@@ -51,6 +51,8 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, size_t stride, s
     store(e.y, &whitened->e2);
     store(e.z, &whitened->e3);
     store(hn::Div(hn::Set(d, 1.0 / samples.limit), length), &whitened->inverse_limit);
+    store(hn::Div(hn::Set(d, 1.0 / kUnseenEdgeLimit), length), &whitened->inverse_tail_limit);
+    store(load(samples.tail), &whitened->tail);
     next += hn::CountTrue(d, usable);
   };
   if (stride == 1) {
@@ -134,8 +136,15 @@ glm::dmat2 InverseSquareRoot(const Moments& m) {
          glm::outerProduct(minor, minor) / std::sqrt(small);
 }
 
-std::array<std::vector<float>*, 6> Arrays(WhitenedSamples* samples) {
-  return {&samples->x, &samples->y, &samples->e1, &samples->e2, &samples->e3, &samples->inverse_limit};
+std::array<std::vector<float>*, 8> Arrays(WhitenedSamples* samples) {
+  return {&samples->x,
+          &samples->y,
+          &samples->e1,
+          &samples->e2,
+          &samples->e3,
+          &samples->inverse_limit,
+          &samples->inverse_tail_limit,
+          &samples->tail};
 }
 
 /// Of every stride-th sample.
@@ -195,9 +204,10 @@ std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened) {
 WhitenedSamples TangentAt(const WhitenedSamples& samples, const TexelGrid& map, double* metric) {
   WhitenedSamples tangent = samples;
   const float sum =
-      WeighByTangent(samples.x.data(), samples.y.data(), samples.inverse_limit.data(), samples.x.size(),
-                     Rounded(map.axis).data(), Rounded(map.step1).data(), Rounded(map.step2).data(),
-                     tangent.e1.data(), tangent.e2.data(), tangent.e3.data());
+      WeighByTangent(samples.x.data(), samples.y.data(),
+                     {samples.inverse_limit.data(), samples.inverse_tail_limit.data(), samples.tail.data()},
+                     samples.x.size(), Rounded(map.axis).data(), Rounded(map.step1).data(),
+                     Rounded(map.step2).data(), tangent.e1.data(), tangent.e2.data(), tangent.e3.data());
   if (metric != nullptr) *metric = static_cast<double>(sum);
   return tangent;
 }

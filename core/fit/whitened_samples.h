@@ -40,6 +40,8 @@ struct WhitenedSamples {
   std::vector<float> e3;
   /// One over the wrong pixels that the sample approaches as texels grow, l times its list's limit.
   std::vector<float> inverse_limit;
+  std::vector<float> inverse_tail_limit;  ///< The same of its tail, see EdgePixels().
+  std::vector<float> tail;                ///< BoundarySamples::tail.
 };
 
 /// Whitens what a hull (not empty) holds of the problem's samples; those outside it, which only an incomplete
@@ -59,7 +61,7 @@ struct TexelGrid {
 std::optional<TexelGrid> GridOf(const glm::dmat3& texel_from_whitened);
 
 /// The samples' sum of l y, which searches and certificates minimise, is the `edge` metric only while texels
-/// are small. That metric is a sum of concave functions f of l y, f = l y / (1 + l y / limit): it lies below
+/// are small. That metric is a sum of concave functions f of l y (EdgePixels(), metric.h): it lies below
 /// its tangent, the sum of f' l y, which touches it at one map. This weighs samples by f' at that map: what
 /// has a lesser tangent than the map has a lesser metric, too, by as much at least. The map sees all samples;
 /// `metric` is its own sum of f, where asked for.

@@ -61,11 +61,20 @@ void FindInRow(const PixelPlanes& planes, const BendTolerance& tolerance, int y,
         hn::Or(smooth_x, smooth(steps[0], 1)), hn::Or(smooth_x, smooth(steps[1], 1)),
         hn::Or(smooth_y, smooth(steps[2], planes.stride)), hn::Or(smooth_y, smooth(steps[3], planes.stride))};
     auto crossing = hn::Zero(dw);
+    auto narrow = hn::Zero(dw);
     auto goes_on = hn::Zero(dw);
+    const hn::Vec<Words> unlike[4] = {differences[0], differences[1], differences[2], differences[3]};
     for (size_t k = 0; k < 4; ++k) {
       const auto neighbour = hn::LoadU(d, distances + steps[k]);
       differences[k] = hn::IfThenElseZero(hn::RebindMask(dw, hn::Eq(neighbour, neighbour)), differences[k]);
       crossing = hn::Or(crossing, differences[k]);
+      // What the pixels behind this one have, seen from neighbour k.
+      static_assert(kWideSamples == 3);
+      const size_t behind = k ^ 1;
+      const auto unlike_behind =
+          hn::Or(unlike[behind], hn::Xor(mine, hn::LoadU(dw, bits + 2 * steps[behind])));
+      narrow = hn::Or(narrow, hn::IfThenElse(hn::RebindMask(dw, continuous[behind]),
+                                             hn::And(differences[k], unlike_behind), differences[k]));
       goes_on = hn::Or(goes_on, hn::IfThenElseZero(hn::RebindMask(dw, continuous[k]), hn::Set(dw, 1u << k)));
     }
     const auto at_rim = hn::Or(hn::RebindMask(dw, inner), hn::Ne(goes_on, hn::Set(dw, 15u)));
@@ -80,6 +89,7 @@ void FindInRow(const PixelPlanes& planes, const BendTolerance& tolerance, int y,
     for (size_t k = 0; k < 4; ++k) store(differences[k], &active->crossing[k]);
     store(goes_on, &active->continuous);
     store(rim, &active->rim);
+    store(narrow, &active->narrow);
     count += hn::CountTrue(d, chosen);
   }
   active->Resize(count);
@@ -98,6 +108,7 @@ void ActivePixels::Reserve(size_t size) {
   for (LaneList<uint32_t>& lights : crossing) lights.Reserve(size);
   continuous.Reserve(size);
   rim.Reserve(size);
+  narrow.Reserve(size);
 }
 
 void ActivePixels::Resize(size_t size) {
@@ -105,6 +116,7 @@ void ActivePixels::Resize(size_t size) {
   for (LaneList<uint32_t>& lights : crossing) lights.Resize(size);
   continuous.Resize(size);
   rim.Resize(size);
+  narrow.Resize(size);
 }
 
 bool ActivePixels::Has(int32_t pixel) const {

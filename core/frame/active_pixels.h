@@ -10,6 +10,10 @@
 
 namespace shadowfit {
 
+/// Samples that a shadow must be wide, or the light between shadows, to count as wide at an edge of it: this
+/// pixel and those behind it.
+inline constexpr int kWideSamples = 3;
+
 /// The pixels that some light of a frame needs, with what its bits say of their neighbours, structure of
 /// arrays. Neighbours 0 to 3 are those to the left, to the right, below and above. In the order of their
 /// places, whichever lights ask for them: a light's samples come in the same order with other lights and
@@ -21,6 +25,9 @@ struct ActivePixels {
   LaneList<uint32_t> continuous;  ///< Bit k: the surface goes on to neighbour k, which is visible.
   /// Lights whose shadow reaches the screen border or a discontinuity here, or that sample its inside here.
   LaneList<uint32_t> rim;
+  /// Lights with an edge here whose shadow, or light, on this side of it is narrower than kWideSamples, or
+  /// not known to be wider.
+  LaneList<uint32_t> narrow;
   /// By index, of pixels that are active; meaningless of others.
   std::vector<int32_t> place_of_index;
 

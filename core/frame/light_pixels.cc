@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "core/frame/light_samples.h"
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/frame/light_pixels.cc"
 #include <hwy/foreach_target.h>
@@ -40,9 +42,11 @@ constexpr double kUnseenEdges = 0.01;
 constexpr double kUnlit = -2.0;
 
 // What a light asks a pixel for: bit k where its bit differs from visible neighbour k's, bit 4 + k where the
-// surface goes on there, and a bit for the rim and the inside of its shadow.
+// surface goes on there, a bit for the rim and the inside of its shadow, and one where that, or the light, is
+// narrow.
 constexpr int kContinuous = 4;
 constexpr int32_t kRim = 1 << 8;
+constexpr int32_t kNarrow = 1 << 9;
 
 using Words = hn::CappedTag<uint32_t, kMostLanes>;
 using Lanes = DoubleLanes;
@@ -70,7 +74,8 @@ void FindConcerned(const ActivePixels& active, uint32_t light_bit, LightPixels* 
       hn::StoreU(packed(v), di, to->data() + count);
     };
     store(NumbersFrom(di, static_cast<int32_t>(i)), &pixels->concerned);
-    store(hn::Or(asked, hn::ShiftLeft<kContinuous>(continuous)), &pixels->marks);
+    const auto narrow = mark_where(active.narrow, kNarrow);
+    store(hn::Or(hn::Or(asked, narrow), hn::ShiftLeft<kContinuous>(continuous)), &pixels->marks);
     count += hn::CountTrue(di, concerned);
   }
   pixels->concerned.Resize(count);
@@ -162,6 +167,7 @@ void CountCrossings(const ActivePixels& active, std::ptrdiff_t stride, LightPixe
   const auto zero = hn::Zero(d);
   const auto one = hn::Set(d, 1.0);
   const size_t count = pixels->hull.size();
+  pixels->tail.Resize(count);
   pixels->edges.crossings.Resize(count);
   pixels->edges.pixels = 0;
   pixels->rough_edges.crossings.Resize(count);
@@ -224,6 +230,8 @@ void CountCrossings(const ActivePixels& active, std::ptrdiff_t stride, LightPixe
     };
     store(crossings, &pixels->edges);
     store(rough_crossings, &pixels->rough_edges);
+    hn::StoreU(hn::IfThenZeroElse(HasMark(marks, kNarrow), hn::Set(d, kWideTail)), d,
+               pixels->tail.data() + i);
     const auto shows_none = hn::Eq(hn::Add(crossings, rough_crossings), zero);
     store(hn::IfThenElseZero(hn::And(HasMark(marks, kRim), shows_none), hn::Set(d, kUnseenEdges)),
           &pixels->unseen_edges);

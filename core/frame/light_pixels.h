@@ -29,6 +29,7 @@ struct LightPixels {
   LaneList<int32_t> hull;
   LaneList<int32_t> hull_marks;
 
+  LaneList<double> tail;  ///< Of `hull`: BoundarySamples::tail of an edge.
   /// Of `hull`: neighbours across an edge of the light's shadow.
   EdgeCrossings edges;
   /// Neighbours across what may be one, times the edges that there are for each of them on average.

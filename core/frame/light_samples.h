@@ -16,6 +16,12 @@ inline constexpr double kEdgeLimit = 2.0;
 /// as such a sample stands for.
 inline constexpr double kUnseenEdgeLimit = 1e4;
 
+/// Share of an edge whose displacement counts up to kUnseenEdgeLimit where its shadow, or the light beside
+/// it, is wide: texels may take all of that, and not only a strip along its edge. Of 0 to 1, for shadows
+/// wider than 0 to 20 samples, this leaves scenes as they were whose shadows are small (plaza, Sterngarten),
+/// and takes the worst from others (rooms, a warehouse, an atrium).
+inline constexpr double kWideTail = 0.05;
+
 /// What a fit weighs: samples of the shadow boundary, structure of arrays, in one light's ray coordinates.
 /// The nine numbers r, dr/dx1, dr/dx2 are all that an objective needs of a sample, and none of them depends
 /// on the matrix.
@@ -27,12 +33,13 @@ struct BoundarySamples {
   std::vector<double> n1;      ///< Screen-space unit normal of the shadow edge, x.
   std::vector<double> n2;      ///< Screen-space unit normal of the shadow edge, y.
   std::vector<double> length;  ///< Length of edge that the sample stands for, in final-screen pixels.
+  std::vector<double> tail;    ///< kWideTail where the edge's own side is wide, 0 elsewhere.
   double limit = kEdgeLimit;   ///< Of all of them.
 
   size_t size() const { return n1.size(); }
   void Resize(size_t count);
   void Set(size_t i, const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2,
-           double along_ray, const glm::dvec2& normal, double edge_length) {
+           double along_ray, const glm::dvec2& normal, double edge_length, double edge_tail = 0.0) {
     for (glm::length_t k = 0; k < 3; ++k) {
       r[k][i] = ray[k];
       dr1[k][i] = ray_dx1[k];
@@ -42,9 +49,10 @@ struct BoundarySamples {
     n1[i] = normal.x;
     n2[i] = normal.y;
     length[i] = edge_length;
+    tail[i] = edge_tail;
   }
   void Add(const glm::dvec3& ray, const glm::dvec3& ray_dx1, const glm::dvec3& ray_dx2, double along_ray,
-           const glm::dvec2& normal, double edge_length);
+           const glm::dvec2& normal, double edge_length, double edge_tail = 0.0);
   glm::dvec3 Ray(size_t i) const { return {r[0][i], r[1][i], r[2][i]}; }
   glm::dvec3 RayDx1(size_t i) const { return {dr1[0][i], dr1[1][i], dr1[2][i]}; }
   glm::dvec3 RayDx2(size_t i) const { return {dr2[0][i], dr2[1][i], dr2[2][i]}; }

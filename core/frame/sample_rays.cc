@@ -27,9 +27,9 @@ class BoundaryFiller {
                  BoundarySamples* samples, LaneList<int32_t>* textures)
       : edges_(edges), directions_(directions), scale_(scale), samples_(*samples), textures_(*textures) {}
 
-  /// Those of the hull samples from i on that have crossings; patterns() are theirs.
-  template <class Patterns>
-  HWY_INLINE void Add(size_t i, const Rays& rays, const Patterns& patterns) {
+  /// Those of the hull samples from i on that have crossings; patterns() and tails() are theirs.
+  template <class Patterns, class Tails>
+  HWY_INLINE void Add(size_t i, const Rays& rays, const Patterns& patterns, const Tails& tails) {
     const Lanes d;
     const IndexLanes di;
     const auto one = hn::Set(d, 1.0);
@@ -57,6 +57,7 @@ class BoundaryFiller {
     put(hn::GatherIndex(d, table, entry), &samples_.n1);
     put(hn::GatherIndex(d, table + 1, entry), &samples_.n2);
     put(hn::Mul(crossings, hn::GatherIndex(d, table + 2, entry)), &samples_.length);
+    put(tails(), &samples_.tail);
 
     const size_t found = hn::CountTrue(d, crossed);
     const auto is_texture = hn::RebindMask(d, hn::Eq(pattern, hn::Set(LongLanes(), kTexture)));
@@ -112,9 +113,11 @@ void Fill(const PixelSurfaces& surfaces, const LightPixels& pixels, const LaneLi
     const auto seen = [&] {
       return hn::PromoteTo(LongLanes(), hn::LoadU(IndexLanes(), patterns.data() + i));
     };
-    boundary.Add(i, rays, seen);
-    rough_boundary.Add(i, rays, seen);
-    unseen_boundary.Add(i, rays, [] { return hn::Set(LongLanes(), kTexture); });
+    const auto tails = [&] { return hn::LoadU(d, pixels.tail.data() + i); };
+    boundary.Add(i, rays, seen, tails);
+    rough_boundary.Add(i, rays, seen, tails);
+    unseen_boundary.Add(
+        i, rays, [] { return hn::Set(LongLanes(), kTexture); }, [&] { return hn::Zero(d); });
   }
   boundary.Finish();
   rough_boundary.Finish();

@@ -45,7 +45,9 @@ inline WhitenedSamples RandomWhitenedSamples(std::mt19937& random, int count) {
       lane->push_back(0.0f);
     }
   }
-  samples.inverse_limit.resize(samples.x.size(), 0.0f);
+  for (std::vector<float>* lane : {&samples.inverse_limit, &samples.inverse_tail_limit, &samples.tail}) {
+    lane->resize(samples.x.size(), 0.0f);
+  }
   return samples;
 }
 

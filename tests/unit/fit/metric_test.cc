@@ -161,7 +161,8 @@ TEST(Metrics, AddUpWhatTheirDefinitionsGiveForEachSample) {
       const double angle = Uniform(random, 0, 6);
       const glm::dvec2 n(std::cos(angle), std::sin(angle));
       const double length = Uniform(random, 0.5, 1.5);
-      samples.Add(r, dr1, dr2, 0.0, n, length);
+      const double tail = i % 3 == 0 ? Uniform(random, 0, 1) : 0.0;
+      samples.Add(r, dr1, dr2, 0.0, n, length, tail);
       const double w = (texel_from_ray * r).z;
       const glm::dmat2 jacobian = TexelJacobian(texel_from_ray, r, dr1, dr2);
       if (!(w > 0.0) || i % 7 == 0) continue;
@@ -171,7 +172,8 @@ TEST(Metrics, AddUpWhatTheirDefinitionsGiveForEachSample) {
       const double s = std::max(across.x, across.y);
       const double t = std::min(across.x, across.y);
       const double y = s / 4.0 + t * t / (12.0 * s);
-      const double pixels = length * y * kEdgeLimit / (y + kEdgeLimit);
+      const double pixels = length * ((1.0 - tail) * y * kEdgeLimit / (y + kEdgeLimit) +
+                                      tail * y * kUnseenEdgeLimit / (y + kUnseenEdgeLimit));
       edge += pixels;
       const auto sample = static_cast<size_t>(i);
       EXPECT_NEAR(EdgeDisplacement(samples, sample, texel_from_ray), y, 1e-9 * y);

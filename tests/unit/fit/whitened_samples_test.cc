@@ -59,7 +59,9 @@ double LimitedSum(const WhitenedSamples& samples, const Map& map) {
   double sum = 0.0;
   for (size_t i = 0; i < samples.x.size(); ++i) {
     const double displaced = DisplacedPixels(samples, i, map);
-    sum += displaced / (1.0 + displaced * double(samples.inverse_limit[i]));
+    const auto limited = [&](float inverse) { return displaced / (1.0 + displaced * double(inverse)); };
+    const double tail = double(samples.tail[i]);
+    sum += (1.0 - tail) * limited(samples.inverse_limit[i]) + tail * limited(samples.inverse_tail_limit[i]);
   }
   return sum;
 }
@@ -68,8 +70,10 @@ WhitenedSamples RandomLimitedSamples(std::mt19937& random) {
   WhitenedSamples samples = RandomWhitenedSamples(random, 64);
   // Some samples lose next to nothing at the map of typical size, some next to all.
   const double typical = Sum(samples, {{0.0, 0.0}, 0.0, 1.5}) / double(samples.x.size());
-  for (float& inverse_limit : samples.inverse_limit) {
-    inverse_limit = static_cast<float>(std::exp(Uniform(random, -5.0, 4.0)) / typical);
+  for (size_t i = 0; i < samples.x.size(); ++i) {
+    samples.inverse_limit[i] = static_cast<float>(std::exp(Uniform(random, -5.0, 4.0)) / typical);
+    samples.inverse_tail_limit[i] = 0.01f * samples.inverse_limit[i];
+    samples.tail[i] = i % 2 == 0 ? static_cast<float>(Uniform(random, 0.0, 1.0)) : 0.0f;
   }
   return samples;
 }

@@ -332,7 +332,8 @@ void Append(const BoundarySamples& samples, Numbers* numbers) {
     for (const glm::dvec3& v : {samples.Ray(i), samples.RayDx1(i), samples.RayDx2(i)}) {
       numbers->insert(numbers->end(), {v.x, v.y, v.z});
     }
-    numbers->insert(numbers->end(), {samples.q[i], samples.n1[i], samples.n2[i], samples.length[i]});
+    numbers->insert(numbers->end(),
+                    {samples.q[i], samples.n1[i], samples.n2[i], samples.length[i], samples.tail[i]});
   }
 }
 

@@ -117,8 +117,8 @@ class PlainSampler {
       if (facing == Facing::kAway || facing == Facing::kGrazing) continue;
       AddHull(space, p, true, &samples);
       if (facing != Facing::kTowards) continue;
-      AddSample(samples, {1.0, 0.0}, 0.5 * scale_.y, &samples.boundary);
-      AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, &samples.boundary);
+      AddSample(samples, {1.0, 0.0}, 0.5 * scale_.y, 0.0, &samples.boundary);
+      AddSample(samples, {0.0, 1.0}, 0.5 * scale_.x, 0.0, &samples.boundary);
     }
     if (!samples.hull_rays.empty()) samples.source = SampleSource::kAllVisible;
     samples.boundary.limit = samples.unseen_boundary.limit = 1e4;
@@ -232,10 +232,10 @@ class PlainSampler {
     samples->hull_rays_dx2.push_back(space.RayFromVector(surface.dx2));
   }
   /// At the last hull sample.
-  void AddSample(const LightSamples& hull, const glm::dvec2& normal, double length,
+  void AddSample(const LightSamples& hull, const glm::dvec2& normal, double length, double tail,
                  BoundarySamples* to) const {
     to->Add(hull.hull_rays.back(), hull.hull_rays_dx1.back() / scale_.x, hull.hull_rays_dx2.back() / scale_.y,
-            hull.hull_along_ray.back(), normal, length);
+            hull.hull_along_ray.back(), normal, length, tail);
   }
 
   void AddEdges(const RaySpace& space, Pixel p, Facing facing, uint32_t light, LightSamples* samples) const {
@@ -261,15 +261,25 @@ class PlainSampler {
     const bool lit_beside = crossings + discontinuous + terminators > 0;
     const double rough = discontinuous * edges[std::min<size_t>(supports, 3)] + terminators * 0.32 +
                          away * (lit_beside ? 0.32 : 0.05);
-    if (crossings > 0) AddEdge(space, p, light, crossings, *samples, &samples->boundary);
-    if (rough > 0) AddEdge(space, p, light, rough, *samples, &samples->rough_boundary);
+    const double tail = IsWide(p, light) ? 0.05 : 0.0;
+    if (crossings > 0) AddEdge(space, p, light, crossings, tail, *samples, &samples->boundary);
+    if (rough > 0) AddEdge(space, p, light, rough, tail, *samples, &samples->rough_boundary);
     if (crossings + rough == 0 && (Rim(p) & light) != 0) {
-      AddTexture(space, 0.01, *samples, &samples->unseen_boundary);
+      AddTexture(space, 0.01, 0.0, *samples, &samples->unseen_boundary);
     }
   }
 
-  void AddEdge(const RaySpace& space, Pixel p, uint32_t light, double crossings, const LightSamples& hull,
-               BoundarySamples* to) const {
+  /// Whether shadow or light go on for three samples from all edges here.
+  bool IsWide(Pixel p, uint32_t light) const {
+    return std::all_of(kNeighbours.begin(), kNeighbours.end(), [&](Step step) {
+      const Pixel behind = p + -step;
+      return !Crosses(p, step, light) || (Continuous(p, -step) && ((Bits(p) ^ Bits(behind)) & light) == 0 &&
+                                          ((Bits(p) ^ Bits(behind + -step)) & light) == 0);
+    });
+  }
+
+  void AddEdge(const RaySpace& space, Pixel p, uint32_t light, double crossings, double tail,
+               const LightSamples& hull, BoundarySamples* to) const {
     const auto bit = [&](int dx, int dy) {
       const Pixel at = p + Step{dx, dy};
       return (Bits(Visible(at) ? at : p) & light) != 0 ? 1 : 0;
@@ -292,15 +302,15 @@ class PlainSampler {
       const auto ge = static_cast<int32_t>(std::lround((xx - yy) / 4.0));
       const EdgeDirection& edge =
           directions_.data()[EdgePatternOf(ge, static_cast<int32_t>(std::lround(xy)))];
-      AddSample(hull, edge.normal, crossings * edge.length_per_crossing, to);
+      AddSample(hull, edge.normal, crossings * edge.length_per_crossing, tail, to);
       return;
     }
-    AddTexture(space, crossings, hull, to);
+    AddTexture(space, crossings, tail, hull, to);
   }
 
-  void AddTexture(const RaySpace& space, double crossings, const LightSamples& hull,
+  void AddTexture(const RaySpace& space, double crossings, double tail, const LightSamples& hull,
                   BoundarySamples* to) const {
-    AddSample(hull, {1.0, 0.0}, crossings * 0.25 * (scale_.x + scale_.y), to);
+    AddSample(hull, {1.0, 0.0}, crossings * 0.25 * (scale_.x + scale_.y), tail, to);
     TurnTexture(space, to->size() - 1, to);
   }
 
