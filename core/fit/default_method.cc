@@ -2,10 +2,15 @@
 
 #include "core/fit/map_partition.h"
 #include "core/fit/partial_map.h"
+#include "core/fit/ray_hull.h"
 
 namespace shadowfit {
 
-absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& problem) const {
+absl::StatusOr<LightFit> DefaultMethod::Fit(const LightProblem& given_problem) const {
+  // No hulls take longer than those that are not complete, and FitPartialMap's baselines ask for the same.
+  RayHulls hulls;
+  LightProblem problem = given_problem;
+  problem.hulls = &hulls;
   const MapPartition partition = PartitionMaps(problem, options_);
   LightFit fit;
   fit.projection = partition.maps[0].projection;

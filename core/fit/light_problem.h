@@ -16,6 +16,8 @@
 
 namespace shadowfit {
 
+struct RayHulls;
+
 /// All that a method may read when it makes one light's matrix for one frame. Everything is borrowed; nothing
 /// in here depends on the matrix that is sought.
 struct LightProblem {
@@ -42,6 +44,10 @@ struct LightProblem {
 
   /// Polled between the steps of long fits, whose answer is worthless once it is requested.
   const Cancellation* cancellation = nullptr;
+
+  /// Hulls of `samples` that MakeRayHull() made for this problem, for whoever asks next. May be null: then
+  /// each makes its own.
+  RayHulls* hulls = nullptr;
 
   /// The previous frame's projection of this light, where there was one and it was this light's.
   const ShadowProjection* previous = nullptr;

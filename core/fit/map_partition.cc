@@ -93,8 +93,11 @@ class Partitioner {
 
   SingleMapFit Fit(const LightSamples& samples, MapSize size, const DefaultOptions& options) {
     LightProblem problem = problem_;
-    // The previous frame's map is one of the whole light.
-    if (&samples != problem_.samples) problem.previous = nullptr;
+    // The previous frame's map is one of the whole light, and so are the hulls.
+    if (&samples != problem_.samples) {
+      problem.previous = nullptr;
+      problem.hulls = nullptr;
+    }
     problem.samples = &samples;
     problem.map_size = size;
     SingleMapFit fit = FitSingleMap(problem, options);

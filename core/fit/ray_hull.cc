@@ -49,6 +49,16 @@ glm::dvec3 BestReducedAxis(std::span<const glm::dvec3> rays) {
   return best;
 }
 
+/// Of rays in front of a plane.
+std::vector<glm::dvec3> HullVertices(const ImagePlane& plane, const std::vector<glm::dvec3>& rays) {
+  std::vector<glm::dvec2> projected;
+  projected.reserve(rays.size());
+  for (const glm::dvec3& r : rays) projected.push_back(plane.Project(r));
+  std::vector<glm::dvec3> vertices;
+  for (const int index : ConvexHull2(projected)) vertices.push_back(rays[static_cast<size_t>(index)]);
+  return vertices;
+}
+
 }  // namespace
 
 ImagePlane ImagePlane::About(const glm::dvec3& axis) {
@@ -80,6 +90,8 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
     hull.complete = false;
     hull.reduced_axis = BestReducedAxis(normalized);
     std::erase_if(normalized, [&](const glm::dvec3& r) { return !hull.Keeps(r); });
+    // Many are left, all in front of the axis that kept them: their hull's vertices have the same cone.
+    normalized = HullVertices(ImagePlane::About(hull.reduced_axis), normalized);
     cone = SmallestEnclosingCone(normalized);
     // Nothing that a map could hold: any regular map serves.
     if (!cone) {
@@ -89,12 +101,7 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
   }
   hull.axis = cone->axis;
   hull.cos_half_angle = cone->cos_half_angle;
-  const ImagePlane plane = ImagePlane::About(hull.axis);
-  std::vector<glm::dvec2> projected;
-  projected.reserve(normalized.size());
-  for (const glm::dvec3& r : normalized) projected.push_back(plane.Project(r));
-  for (const int index : ConvexHull2(projected))
-    hull.vertices.push_back(normalized[static_cast<size_t>(index)]);
+  hull.vertices = HullVertices(ImagePlane::About(hull.axis), normalized);
   if (hull.vertices.empty()) hull.vertices.push_back(hull.axis);
   return hull;
 }
@@ -104,7 +111,9 @@ bool RayHull::Keeps(const glm::dvec3& normalized_ray) const {
          glm::dot(reduced_axis, normalized_ray) > std::cos(kReducedHalfAngle) * glm::length(normalized_ray);
 }
 
-RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of) {
+namespace {
+
+RayHull MakeOwnRayHull(const LightProblem& problem, HullOf hull_of) {
   const LightSamples& samples = *problem.samples;
   const bool with_footprints = hull_of == HullOf::kShadow;
   std::vector<int32_t> chosen = OuterSamples(samples, *problem.ray_space, hull_of);
@@ -137,6 +146,16 @@ RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of) {
   }
   if (hull_of == HullOf::kShadow) hull.shadow_samples = std::move(chosen);
   return hull;
+}
+
+}  // namespace
+
+RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of) {
+  if (problem.hulls == nullptr) return MakeOwnRayHull(problem, hull_of);
+  std::optional<RayHull>& hull =
+      hull_of == HullOf::kShadow ? problem.hulls->of_shadow : problem.hulls->of_samples;
+  if (!hull) hull = MakeOwnRayHull(problem, hull_of);
+  return *hull;
 }
 
 RayHull MakeFitHull(const LightProblem& problem) {

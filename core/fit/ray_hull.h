@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -37,6 +38,12 @@ struct RayHull {
   bool Keeps(const glm::dvec3& normalized_ray) const;
 };
 
+/// What MakeRayHull() made of one problem's samples.
+struct RayHulls {
+  std::optional<RayHull> of_samples;
+  std::optional<RayHull> of_shadow;
+};
+
 /// Half angle in radians (75 degrees) of the cone that is kept where the rays do not fit into any.
 inline constexpr double kReducedHalfAngle = 1.3089969389957472;
 
@@ -44,7 +51,7 @@ inline constexpr double kReducedHalfAngle = 1.3089969389957472;
 RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays);
 
 /// The rays of the samples, or of their footprints' corners, or, where the light reaches nothing that is
-/// visible, of the scene's bounds; never empty.
+/// visible, of the scene's bounds; never empty. Made once where the problem has LightProblem::hulls.
 RayHull MakeRayHull(const LightProblem& problem, HullOf hull_of);
 
 /// What the default method fits a map to: the shadow's footprints where one map holds them, the samples where

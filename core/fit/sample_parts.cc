@@ -1,5 +1,6 @@
 #include "core/fit/sample_parts.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <glm/glm.hpp>
@@ -22,6 +23,14 @@ BoundarySamples Some(const BoundarySamples& from, const std::vector<size_t>& ind
              from.length[i], from.tail[i]);
   }
   return some;
+}
+
+void ReserveHullSamples(size_t count, LightSamples* samples) {
+  samples->hull_rays.reserve(count);
+  samples->hull_along_ray.reserve(count);
+  samples->hull_in_shadow.reserve(count);
+  samples->hull_rays_dx1.reserve(count);
+  samples->hull_rays_dx2.reserve(count);
 }
 
 void CopyHullSample(const LightSamples& from, size_t i, LightSamples* to) {
@@ -93,6 +102,9 @@ LightSamples SomeSamples(const LightSamples& samples, size_t stride,
     some.*boundary = Some(all, indices);
     for (double& length : (some.*boundary).length) length *= static_cast<double>(stride);
   }
+  ReserveHullSamples(
+      hull_samples.size() - static_cast<size_t>(std::count(hull_samples.begin(), hull_samples.end(), 0)),
+      &some);
   for (size_t i = 0; i < samples.hull_rays.size(); ++i) {
     if (hull_samples[i] != 0) CopyHullSample(samples, i, &some);
   }

@@ -219,8 +219,9 @@ class Trimmer {
     };
     for (size_t i = 0; i < low.size(); ++i) {
       if (stays_[i] == 0) continue;
-      lies(0, low[i]);
-      lies(1, 1.0f - high[i]);
+      // What lies beyond the widest cut bounds none; most samples lie beyond that of one side. NaN, too.
+      if (low[i] < kWidestCut) lies(0, low[i]);
+      if (1.0f - high[i] < kWidestCut) lies(1, 1.0f - high[i]);
     }
     const LaneList<float>& shadow = along_x ? shadow_.x : shadow_.y;
     for (size_t i = 0; i < shadow.size(); ++i) {
@@ -310,6 +311,7 @@ class Trimmer {
     const ShadowProjection cut_map = map_;
     LightProblem problem = problem_;
     problem.samples = samples_;
+    problem.hulls = nullptr;
     problem.previous = &cut_map;
     problem.map_size = options_.free_aspect ? requested_size_ : cut_map.size;
     const SingleMapFit fit = fit_map(problem, options_);

@@ -50,8 +50,9 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, size_t stride, s
     store(e.x, &whitened->e1);
     store(e.y, &whitened->e2);
     store(e.z, &whitened->e3);
-    store(hn::Div(hn::Set(d, 1.0 / samples.limit), length), &whitened->inverse_limit);
-    store(hn::Div(hn::Set(d, 1.0 / kUnseenEdgeLimit), length), &whitened->inverse_tail_limit);
+    const Doubles inverse_length = hn::Div(hn::Set(d, 1.0), length);
+    store(hn::Mul(hn::Set(d, 1.0 / samples.limit), inverse_length), &whitened->inverse_limit);
+    store(hn::Mul(hn::Set(d, 1.0 / kUnseenEdgeLimit), inverse_length), &whitened->inverse_tail_limit);
     store(load(samples.tail), &whitened->tail);
     next += hn::CountTrue(d, usable);
   };
