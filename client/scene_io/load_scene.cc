@@ -50,7 +50,7 @@ absl::StatusOr<Scene> LoadScene(std::string_view name_or_path) {
   if (absl::IsNotFound(imported.status())) {
     return absl::NotFoundError(absl::StrFormat(
         "scene \"%s\": no such file, and no scene has this name (known: sterngarten, plaza, hall, "
-        "random, terrain, hairball, dueling)",
+        "city, warehouse, random, terrain, hairball, dueling)",
         name_or_path));
   }
   return imported;

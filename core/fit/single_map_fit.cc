@@ -131,8 +131,8 @@ std::optional<SingleMapFit> KeepAtAGlance(const LightProblem& problem, const Def
   quick.evaluations_per_start = 6;
   AxisSearch search(kept->tangent, problem.map_size, quick);
   // The metric is to fall to 1/k of what it is. Let all edges be displaced by z times kEdgeLimit: displaced
-  // by a z, they get (1 + z) a / (1 + a z) times the pixels wrong, which is 1/k at a = 1 / (k + (k - 1) z).
-  // And the metric is 1 + z times its tangent.
+  // by a z, they get, tails aside, (1 + z) a / (1 + a z) times the pixels wrong, which is 1/k at a = 1 / (k +
+  // (k - 1) z). And the metric is 1 + z times its tangent.
   const double cost = search.CostOf(kept->grid);
   const double keep = options.keep_within;
   const double to_beat = (cost + kept->outside) / (keep + (keep - 1.0) * (kept->metric / cost - 1.0));

@@ -592,6 +592,7 @@ absl::StatusOr<Scene> MakeProceduralScene(std::string_view name) {
   if (base == "plaza") return MakePlaza(triangles.value_or(kPaperTriangles));
   if (base == "hall") return MakeHall(triangles.value_or(400'000));
   if (base == "city") return MakeCity(triangles.value_or(200'000));
+  if (base == "warehouse") return MakeWarehouse(triangles.value_or(100'000));
   if (base == "random") return MakeRandomTriangles(triangles.value_or(100'000), 1);
   if (base == "terrain") {
     const double cells = std::sqrt(static_cast<double>(triangles.value_or(500'000)) / 2.0);
@@ -606,6 +607,7 @@ std::optional<StandPoint> ProceduralStandPoint(std::string_view scene_name) {
   if (scene_name == "plaza") return PlazaStandPoint();
   if (scene_name == "hall") return HallStandPoint();
   if (scene_name == "city") return CityStandPoint();
+  if (scene_name == "warehouse") return WarehouseStandPoint();
   if (scene_name == "dueling") return MakeDuelingFrusta().stand_point;
   return std::nullopt;
 }

@@ -42,6 +42,12 @@ StandPoint HallStandPoint();
 absl::StatusOr<Scene> MakeCity(size_t triangles = 200'000, uint64_t seed = 1);
 StandPoint CityStandPoint();
 
+/// A closed hall of 80 x 120 x 9 m with rows of shelves full of boxes: lamps inside it graze boards and the
+/// sides of boxes. At most `triangles` triangles. InvalidArgument below the tens of thousands that the shapes
+/// need.
+absl::StatusOr<Scene> MakeWarehouse(size_t triangles = 100'000, uint64_t seed = 1);
+StandPoint WarehouseStandPoint();
+
 /// `triangles` random triangles of 40 square metres in all, in the box [-5,5]^2 x [0.5,5] above a floor of
 /// two more. triangles >= 1.
 Scene MakeRandomTriangles(size_t triangles, uint64_t seed);
@@ -63,9 +69,9 @@ struct DuelingFrusta {
 };
 DuelingFrusta MakeDuelingFrusta();
 
-/// A generated scene by name: "plaza", "hall", "city", "random", "terrain", "hairball" or "dueling", with
-/// ":TRIANGLES" behind the name for another size than the usual one. NotFound for other names,
-/// InvalidArgument for a size that is no number or does not suit.
+/// A generated scene by name: "plaza", "hall", "city", "warehouse", "random", "terrain", "hairball" or
+/// "dueling", with ":TRIANGLES" behind the name for another size than the usual one. NotFound for other
+/// names, InvalidArgument for a size that is no number or does not suit.
 absl::StatusOr<Scene> MakeProceduralScene(std::string_view name);
 
 /// The stand point that belongs to a scene made by MakeProceduralScene, by Scene::name; none where the scene

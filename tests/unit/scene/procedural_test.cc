@@ -58,6 +58,8 @@ TEST(ProceduralTest, SeedsDecideAndNothingElse) {
   EXPECT_NE(Fingerprint(*MakeHall(60'000, 5)), Fingerprint(*MakeHall(60'000, 6)));
   EXPECT_EQ(Fingerprint(*MakeCity(100'000, 5)), Fingerprint(*MakeCity(100'000, 5)));
   EXPECT_NE(Fingerprint(*MakeCity(100'000, 5)), Fingerprint(*MakeCity(100'000, 6)));
+  EXPECT_EQ(Fingerprint(*MakeWarehouse(100'000, 5)), Fingerprint(*MakeWarehouse(100'000, 5)));
+  EXPECT_NE(Fingerprint(*MakeWarehouse(100'000, 5)), Fingerprint(*MakeWarehouse(100'000, 6)));
   EXPECT_EQ(Fingerprint(MakeRandomTriangles(1000, 5)), Fingerprint(MakeRandomTriangles(1000, 5)));
   EXPECT_NE(Fingerprint(MakeRandomTriangles(1000, 5)), Fingerprint(MakeRandomTriangles(1000, 6)));
 }
@@ -78,7 +80,7 @@ TEST(ProceduralTest, RandomTrianglesKeepTheirTotalArea) {
 
 TEST(ProceduralTest, EveryNamedSceneIsValid) {
   for (const char* name :
-       {"plaza:30000", "hall:50000", "city:100000", "random:500", "terrain:20000", "hairball:3200"}) {
+       {"plaza:30000", "hall:50000", "city:100000", "warehouse:100000", "random:500", "terrain:20000", "hairball:3200"}) {
     const absl::StatusOr<Scene> scene = MakeProceduralScene(name);
     ASSERT_TRUE(scene.ok()) << scene.status();
     EXPECT_TRUE(Validate(*scene).ok());
