@@ -168,6 +168,18 @@ std::vector<MapSize> SharePowersOfTwo(std::span<const TexelDemand> demands,
 
 double TexelDemand::WrongPixels(MapSize size) const { return cost / std::sqrt(size.texels()); }
 
+double TexelDemand::Predicted(double displaced) const {
+  return (1.0 - tail) * displaced / (1.0 + displaced / most_pixels) + tail * displaced;
+}
+
+double TexelDemand::Displaced(double predicted) const {
+  // With q = predicted / most_pixels the displaced y solve tail y^2 / most_pixels + (1 - q) y = predicted.
+  // Without a tail that is without end at q = 1.
+  constexpr double kLeast = 0.001;
+  const double q = predicted / most_pixels;
+  return 2.0 * predicted / std::max(kLeast, 1.0 - q + std::sqrt((1.0 - q) * (1.0 - q) + 4.0 * tail * q));
+}
+
 std::vector<double> ShareTexels(std::span<const double> demand, std::span<const double> least,
                                 std::span<const double> most, double total) {
   std::vector<double> shares(demand.size());
@@ -221,8 +233,7 @@ double ToleranceSafety(double texel_pixels) {
 namespace {
 
 double Safe(const TexelDemand& demand, double texels) {
-  const double displaced = demand.cost / std::sqrt(texels);
-  const double predicted = displaced / (1.0 + displaced / demand.most_pixels);
+  const double predicted = demand.Predicted(demand.cost / std::sqrt(texels));
   if (!(predicted > 0.0) || !(demand.unit_pixels > 0.0)) return 0.0;
   return predicted * ToleranceSafety(predicted / demand.unit_pixels);
 }

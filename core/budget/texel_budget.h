@@ -11,15 +11,22 @@ namespace shadowfit {
 
 /// What a light gains by texels. What texels displace edges by is homogeneous in their sides: at a fixed
 /// axis, parallelogram and aspect ratio a map of T texels displaces cost / sqrt(T) pixels, and is predicted
-/// to get y / (1 + y / most_pixels) of these y wrong.
+/// to get Predicted() of these wrong.
 struct TexelDemand {
   double cost = 0.0;         ///< What a map of one texel displaces: displaced pixels * sqrt(texels).
   double weight = 1.0;       ///< What a wrong pixel of this light counts.
   MapSize requested;         ///< Gives the aspect ratio.
   double unit_pixels = 0.0;  ///< See MapQuality; for tolerances.
-  /// What the prediction approaches as texels grow; for tolerances. Budgets share texels out by displaced
-  /// pixels.
+  /// What the prediction approaches as texels grow, but for its tail; for tolerances. Budgets share texels
+  /// out by displaced pixels.
   double most_pixels = std::numeric_limits<double>::infinity();
+  double tail = 0.0;  ///< Share of the displaced pixels that does not level off, 0 to 1.
+
+  /// Of y displaced pixels: (1 - tail) y / (1 + y / most_pixels) + tail y.
+  double Predicted(double displaced) const;
+  /// Its inverse; without a tail, predictions near most_pixels or above it are those of about a thousand
+  /// times as many.
+  double Displaced(double predicted) const;
 
   double WrongPixels(MapSize size) const;
 };

@@ -36,13 +36,6 @@ double PredictedPixels(const SizedLight& light) {
   return PredictMisclassifiedPixels(*light.problem.samples, light.fit.Projections());
 }
 
-/// The displaced pixels of which so many are predicted to be wrong.
-double Displaced(double predicted, const TexelDemand& demand) {
-  // The prediction is that of many edges, most_pixels is what all of them approach together.
-  constexpr double kMostShare = 0.999;
-  return predicted / (1.0 - std::min(kMostShare, predicted / demand.most_pixels));
-}
-
 /// What a light's maps gain together.
 TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   TexelDemand demand;
@@ -54,15 +47,19 @@ TexelDemand DemandOf(const SizedLight& light, bool edges_known) {
   for (const ShadowProjection& projection : light.fit.Projections()) texels += projection.size.texels();
   double length = 0.0;
   double most_pixels = 0.0;
+  double tails = 0.0;
   // Edges that do not show add next to nothing to a prediction, and would raise what it may approach.
   for (const BoundarySamples* boundary : {&samples.boundary, &samples.rough_boundary}) {
     const double of_list = std::accumulate(boundary->length.begin(), boundary->length.end(), 0.0);
     length += of_list;
     most_pixels += boundary->limit * of_list;
+    tails +=
+        std::inner_product(boundary->length.begin(), boundary->length.end(), boundary->tail.begin(), 0.0);
   }
   demand.unit_pixels = UnseenFactor(samples) * kUnitPixelsPerLength * length;
   demand.most_pixels = UnseenFactor(samples) * most_pixels;
-  demand.cost = Displaced(PredictedPixels(light), demand) * std::sqrt(texels);
+  if (length > 0.0) demand.tail = tails / length;
+  demand.cost = demand.Displaced(PredictedPixels(light)) * std::sqrt(texels);
   if (!std::isfinite(demand.cost)) demand.cost = 0.0;
   return demand;
 }
@@ -132,7 +129,7 @@ absl::Status SizeByTolerance(const ToleranceOptions& options, const LightMatrixM
       largest = largest && sizes.back().texels() < texels * share;
     }
     if (absl::Status status = Resize(method, sizes, light); !status.ok()) return status;
-    demand.cost = Displaced(PredictedPixels(*light), demand);
+    demand.cost = demand.Displaced(PredictedPixels(*light));
     if (!(demand.unit_pixels > 0.0) || !(SafeWrongPixels(demand, {1, 1}) > allowed)) return absl::OkStatus();
     if (largest) break;
     double sized_texels = 0.0;

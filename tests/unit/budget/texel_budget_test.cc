@@ -213,6 +213,23 @@ TEST(SafeTexels, AreJustEnough) {
   EXPECT_EQ(SafeTexels({0.0, 1.0, {100, 100}, 10.0}, 5.0), 0.0);
 }
 
+TEST(TexelDemand, DisplacedPixelsAreThoseOfTheirPrediction) {
+  for (const double tail : {0.0, 0.01, 0.05, 1.0}) {
+    TexelDemand demand;
+    demand.tail = tail;
+    EXPECT_DOUBLE_EQ(demand.Displaced(demand.Predicted(40.0)), 40.0) << "no limit, tail " << tail;
+    demand.most_pixels = 200.0;
+    for (const double displaced : {0.0, 1e-3, 1.0, 100.0, 1e4, 1e6}) {
+      const double predicted = demand.Predicted(displaced);
+      EXPECT_LE(predicted, displaced);
+      EXPECT_GE(predicted, tail * displaced);
+      if (tail == 0.0 && predicted > 0.99 * demand.most_pixels) continue;
+      EXPECT_NEAR(demand.Displaced(predicted), displaced, 1e-6 * displaced) << tail;
+    }
+    EXPECT_TRUE(std::isfinite(demand.Displaced(1e9)));
+  }
+}
+
 TEST(SizeFrom, IsTheSmallestThatServes) {
   std::mt19937 random(6);
   for (const SizeRounding rounding :
