@@ -79,8 +79,8 @@ TEST(ProceduralTest, RandomTrianglesKeepTheirTotalArea) {
 }
 
 TEST(ProceduralTest, EveryNamedSceneIsValid) {
-  for (const char* name :
-       {"plaza:30000", "hall:50000", "city:100000", "warehouse:100000", "random:500", "terrain:20000", "hairball:3200"}) {
+  for (const char* name : {"plaza:30000", "hall:50000", "city:100000", "warehouse:100000", "random:500",
+                           "terrain:20000", "hairball:3200"}) {
     const absl::StatusOr<Scene> scene = MakeProceduralScene(name);
     ASSERT_TRUE(scene.ok()) << scene.status();
     EXPECT_TRUE(Validate(*scene).ok());
