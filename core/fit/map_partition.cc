@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/fit/dividing_lines.h"
+#include "core/fit/metric.h"
 #include "core/fit/prediction.h"
 #include "core/fit/sample_parts.h"
 #include "core/fit/texel_shares.h"
@@ -63,6 +64,9 @@ class Partitioner {
     const bool must = options_.divide_where_needed && !single.usable && !problem_.samples->hull_rays.empty();
     const bool may = options_.most_maps > 1 && single.usable && has_edges;
     if (!must && !may) return {{single}};
+    if (problem_.KnowsShadow()) {
+      lit_ = problem_.sampler->LitSamples(*problem_.camera, *problem_.ray_space, problem_.light_in_frame);
+    }
     std::vector<Part> parts = {{*problem_.samples, single}};
     auto most = static_cast<size_t>(options_.most_maps);
     if (must) {
@@ -268,12 +272,14 @@ class Partitioner {
   }
 
   double Predict(const std::vector<SingleMapFit>& maps) const {
-    return PredictMisclassifiedPixels(*problem_.samples, ProjectionsOf(maps));
+    const std::vector<ShadowProjection> projections = ProjectionsOf(maps);
+    return PredictMisclassifiedPixels(*problem_.samples, projections) + EdgeMetricOfHeld(lit_, projections);
   }
 
   /// With the shadow that they do not hold.
   double PredictAll(const std::vector<SingleMapFit>& maps) const {
-    return PredictWrongPixels(problem_, ProjectionsOf(maps)).Total();
+    const std::vector<ShadowProjection> projections = ProjectionsOf(maps);
+    return PredictWrongPixels(problem_, projections).Total() + EdgeMetricOfHeld(lit_, projections);
   }
 
   /// Puts the maps into the order in which they judge best what several hold: the finest first, then
@@ -303,6 +309,7 @@ class Partitioner {
   const LightProblem& problem_;
   const DefaultOptions& options_;
   DefaultOptions quick_;
+  BoundarySamples lit_;  ///< A map's far corners may hold them, too, and would darken them.
   int evaluations_ = 0;
 };
 

@@ -42,6 +42,11 @@ class FrameSampler {
   double ShadowOutside(const Camera& camera, const RaySpace& ray_space, size_t light,
                        std::span<const ShadowProjection> projections) const;
 
+  /// Samples of what the light reaches: those of every eighth pixel in every eighth row that are not in
+  /// shadow, as edges either way. A map that holds them in large texels may darken them; no more than a tenth
+  /// of such an edge is there, and that is their length.
+  BoundarySamples LitSamples(const Camera& camera, const RaySpace& ray_space, size_t light) const;
+
   /// Where the light's shadow lies on a map: see PlaceShadow(). Each place stands for as many pixels of the
   /// final screen as are returned.
   double PlacesOfShadow(const Camera& camera, const RaySpace& ray_space, size_t light,

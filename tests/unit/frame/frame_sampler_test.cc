@@ -251,6 +251,42 @@ TEST(FrameSampler, AShadowsInsideMayHaveEdgesThatDoNotShow) {
   EXPECT_GT(lost, 20.0 * EdgeMetric(samples.unseen_boundary, fine.texel_from_ray));
 }
 
+TEST(FrameSampler, WhatIsLitIsSampledEveryEighthPixel) {
+  std::mt19937 random(24);
+  OwnedFrame frame =
+      testing::Draw(AnalyticScene{}, testing::WalkThroughCamera(random, ClipDepth::kNegativeOneToOne), 64, 64,
+                    {Lamp(DirectionalLight{{0.2, 0.3, -1}})});
+  const Camera camera = *Camera::Create(frame.request.camera);
+  const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+  FrameSampler sampler;
+  FrameExtent extent;
+  std::vector<LightSamples> samples;
+  const auto lit = [&] {
+    sampler.Sample(camera, frame.request.depth, frame.request.bits, {&space, 1}, {128, 256}, &extent,
+                   &samples);
+    return sampler.LitSamples(camera, space, 0);
+  };
+  size_t visible = 0;
+  for (int y = 4; y < 64; y += 8) {
+    for (int x = 4; x < 64; x += 8) visible += frame.request.depth.At(x, y) < 1.0f ? 1 : 0;
+  }
+  ASSERT_GT(visible, 10u);
+  // Nothing casts a shadow.
+  const BoundarySamples all = lit();
+  ASSERT_EQ(all.size(), 2 * visible);
+  for (size_t i = 0; i < all.size(); i += 2) {
+    EXPECT_EQ(all.Ray(i), all.Ray(i + 1));
+    EXPECT_EQ(glm::dvec2(all.n1[i], all.n2[i + 1]), glm::dvec2(1.0));
+    EXPECT_DOUBLE_EQ(all.length[i], 0.1 * 0.5 * 4.0);
+    EXPECT_DOUBLE_EQ(all.length[i + 1], 0.1 * 0.5 * 2.0);
+  }
+  // The picture's lower half in shadow, then all of it.
+  std::fill_n(frame.bits.begin(), 32 * 64, 1u);
+  EXPECT_LT(lit().size(), all.size());
+  std::fill(frame.bits.begin(), frame.bits.end(), 1u);
+  EXPECT_EQ(lit().size(), 0u);
+}
+
 TEST(FrameSampler, MeasuresTheVisibleDepthRange) {
   std::mt19937 random(5);
   for (const ClipDepth convention :
