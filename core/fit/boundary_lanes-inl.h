@@ -26,10 +26,10 @@ HWY_INLINE void ForBoundaryLanes(size_t count, const Add& add) {
   struct Load {
     hn::Mask<DoubleLanes> mask;
     size_t first;
-    Doubles operator()(const std::vector<double>& v) const {
+    HWY_INLINE Doubles operator()(const std::vector<double>& v) const {
       return hn::MaskedLoad(mask, DoubleLanes(), v.data() + first);
     }
-    Doubles3 operator()(const std::vector<double> (&v)[3]) const {
+    HWY_INLINE Doubles3 operator()(const std::vector<double> (&v)[3]) const {
       return {(*this)(v[0]), (*this)(v[1]), (*this)(v[2])};
     }
   };
@@ -44,10 +44,10 @@ HWY_INLINE void ForSomeBoundaryLanes(size_t first, size_t stride, size_t count, 
   struct Load {
     hn::Mask<DoubleLanes> mask;
     hn::Vec<hn::RebindToSigned<DoubleLanes>> indices;
-    Doubles operator()(const std::vector<double>& v) const {
+    HWY_INLINE Doubles operator()(const std::vector<double>& v) const {
       return hn::IfThenElseZero(mask, hn::GatherIndex(DoubleLanes(), v.data(), indices));
     }
-    Doubles3 operator()(const std::vector<double> (&v)[3]) const {
+    HWY_INLINE Doubles3 operator()(const std::vector<double> (&v)[3]) const {
       return {(*this)(v[0]), (*this)(v[1]), (*this)(v[2])};
     }
   };

@@ -13,6 +13,7 @@
 #include <hwy/highway.h>
 
 #include "core/fit/boundary_lanes-inl.h"
+#include "core/frame/packing_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
@@ -41,8 +42,9 @@ size_t AddSamples(const BoundarySamples& samples, size_t first, size_t stride, s
     const Doubles3 e = Scaled(edge, scale);
     const auto usable = hn::And(hn::And(hn::Gt(p.z, hn::Zero(d)), hn::Gt(length, hn::Zero(d))),
                                 hn::And(hn::IsFinite(e.x), hn::And(hn::IsFinite(e.y), hn::IsFinite(e.z))));
+    const Packing packed(df, hn::RebindMask(df, Narrow(d, usable)));
     const auto store = [&](Doubles v, std::vector<float>* to) {
-      hn::StoreU(hn::DemoteTo(df, hn::Compress(v, usable)), df, to->data() + next);
+      hn::StoreU(packed(hn::DemoteTo(df, v)), df, to->data() + next);
     };
     const Doubles inverse_z = hn::Div(hn::Set(d, 1.0), p.z);
     store(hn::Mul(p.x, inverse_z), &whitened->x);
