@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <span>
 
 #include "core/fit/ray_hull.h"
@@ -89,19 +90,8 @@ constexpr size_t kMostSides = 32;
 constexpr size_t kFew = 32;
 
 /// The chart in which the octagon is made: any in which all rays are in front.
-bool FrontPlane(std::span<const glm::dvec3> probes, bool directional, ImagePlane* plane) {
-  if (directional) {
-    *plane = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    return true;
-  }
-  glm::dvec3 mean(0.0);
-  for (const glm::dvec3& probe : probes) {
-    if (const double length = glm::length(probe); length > 0.0) mean += probe / length;
-  }
-  const double length = glm::length(mean);
-  if (!(length > 0.0) || !std::isfinite(length)) return false;
-  *plane = ImagePlane::About(mean / length);
-  return true;
+std::optional<ImagePlane> FrontPlane(std::span<const glm::dvec3> probes, bool directional) {
+  return directional ? ImagePlane{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}} : ImagePlane::Facing(probes);
 }
 
 /// The half planes whose intersection is a convex polygon, counter-clockwise in the chart, as covectors. A
@@ -208,10 +198,8 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
   for (size_t i = 0; i < rays.size(); i += stride) {
     if (is_asked(i)) probes.push_back(rays[i]);
   }
-  ImagePlane plane;
-  if (probes.size() < 4 * kCorners || !FrontPlane(probes, ray_space.is_directional(), &plane)) {
-    return HullSamples(samples, hull_of);
-  }
+  const std::optional<ImagePlane> plane = FrontPlane(probes, ray_space.is_directional());
+  if (probes.size() < 4 * kCorners || !plane) return HullSamples(samples, hull_of);
   constexpr std::array<std::array<double, 2>, kCorners> kAlong = {
       {{1, 0}, {1, 1}, {0, 1}, {-1, 1}, {-1, 0}, {-1, -1}, {0, -1}, {1, -1}}};
   std::array<double, kCorners> most;
@@ -219,11 +207,7 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
   std::array<glm::dvec2, kCorners> corner;
   corner.fill(glm::dvec2(0.0));
   for (const glm::dvec3& probe : probes) {
-    // Far from the axis the projection stretches too much to trust its rounding.
-    if (!(glm::dot(plane.axis, probe) > 0.05 * glm::length(probe)) && !ray_space.is_directional()) {
-      return HullSamples(samples, hull_of);
-    }
-    const glm::dvec2 p = plane.Project(probe);
+    const glm::dvec2 p = plane->Project(probe);
     for (size_t k = 0; k < kCorners; ++k) {
       const double along = kAlong[k][0] * p.x + kAlong[k][1] * p.y;
       if (along > most[k]) {
@@ -233,7 +217,7 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
     }
   }
 
-  const InnerPolygon octagon(plane, corner);
+  const InnerPolygon octagon(*plane, corner);
   if (!octagon.HasArea()) return HullSamples(samples, hull_of);
   const bool with_footprints = hull_of == HullOf::kShadow;
   const Rays all = {&rays, with_footprints ? &samples.hull_rays_dx1 : nullptr,
@@ -242,10 +226,10 @@ std::vector<int32_t> OuterSamples(const LightSamples& samples, const RaySpace& r
   std::erase_if(outer, [&](int32_t i) { return !is_asked(static_cast<size_t>(i)); });
   if (!ray_space.is_directional()) {
     for (const int32_t i : outer) {
-      if (!(glm::dot(plane.axis, rays[static_cast<size_t>(i)]) > 0.0)) return HullSamples(samples, hull_of);
+      if (!(glm::dot(plane->axis, rays[static_cast<size_t>(i)]) > 0.0)) return HullSamples(samples, hull_of);
     }
   }
-  return outer.size() < kFew ? outer : OutsideOfTheirHull(all, plane, outer);
+  return outer.size() < kFew ? outer : OutsideOfTheirHull(all, *plane, outer);
 }
 
 }  // namespace shadowfit

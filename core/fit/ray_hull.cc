@@ -70,6 +70,23 @@ ImagePlane ImagePlane::About(const glm::dvec3& axis) {
   return {b1, glm::cross(axis, b1), axis};
 }
 
+std::optional<ImagePlane> ImagePlane::Facing(std::span<const glm::dvec3> rays) {
+  constexpr size_t kProbes = 64;
+  // Farther from the axis the projection stretches too much to trust its rounding.
+  constexpr double kLeastCosine = 0.05;
+  glm::dvec3 mean(0.0);
+  for (size_t i = 0; i < rays.size(); i += 1 + rays.size() / kProbes) {
+    if (const double length = glm::length(rays[i]); length > 0.0) mean += rays[i] / length;
+  }
+  const double length = glm::length(mean);
+  if (!(length > 0.0) || !std::isfinite(length)) return std::nullopt;
+  const glm::dvec3 axis = mean / length;
+  for (const glm::dvec3& r : rays) {
+    if (!(glm::dot(axis, r) > kLeastCosine * glm::length(r))) return std::nullopt;
+  }
+  return About(axis);
+}
+
 RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays) {
   // Extreme cameras unproject to infinity: such rays have no place in any map, and a visible point at the
   // light itself has no ray.
@@ -84,6 +101,10 @@ RayHull MakeRayHull(const RaySpace& ray_space, std::span<const glm::dvec3> rays)
     if (!normalized.empty()) hull.normalized_from_ray = NormalizePlane(normalized);
     for (glm::dvec3& r : normalized) r = hull.normalized_from_ray * r;
     std::erase_if(normalized, [](const glm::dvec3& r) { return !std::isfinite(glm::length(r)); });
+  }
+  // Only the vertices of their hull matter to the cone; it takes longer than the hull.
+  if (const std::optional<ImagePlane> front = ImagePlane::Facing(normalized)) {
+    normalized = HullVertices(*front, normalized);
   }
   std::optional<EnclosingCone> cone = SmallestEnclosingCone(normalized);
   if (!cone || cone->cos_half_angle < 1e-4) {
@@ -120,13 +141,16 @@ RayHull MakeOwnRayHull(const LightProblem& problem, HullOf hull_of) {
   std::vector<glm::dvec3> rays;
   const auto hull_of_chosen = [&] {
     rays.clear();
-    rays.reserve((with_footprints ? 5 : 1) * chosen.size());
+    rays.reserve((with_footprints ? 4 : 1) * chosen.size());
     for (const int32_t index : chosen) {
       const auto i = static_cast<size_t>(index);
-      rays.push_back(samples.hull_rays[i]);
-      for (int corner = 0; with_footprints && corner < 4; ++corner) {
-        rays.push_back(samples.FootprintCorner(i, corner));
+      // The middle of four corners is no vertex.
+      const glm::dvec3 reach = samples.hull_rays_dx1[i] + samples.hull_rays_dx2[i];
+      if (!with_footprints || !std::isfinite(reach.x + reach.y + reach.z)) {
+        rays.push_back(samples.hull_rays[i]);
+        continue;
       }
+      for (int corner = 0; corner < 4; ++corner) rays.push_back(samples.FootprintCorner(i, corner));
     }
     if (rays.empty()) {
       for (const glm::dvec3& corner : problem.ws_scene_bounds.Corners()) {

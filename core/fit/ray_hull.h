@@ -65,6 +65,8 @@ struct ImagePlane {
   glm::dvec3 axis;
 
   static ImagePlane About(const glm::dvec3& axis);
+  /// About the mean direction of some of the rays; none where not all are well in front of it.
+  static std::optional<ImagePlane> Facing(std::span<const glm::dvec3> rays);
   glm::dvec2 Project(const glm::dvec3& r) const {
     const double w = glm::dot(axis, r);
     return {glm::dot(b1, r) / w, glm::dot(b2, r) / w};

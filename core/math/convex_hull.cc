@@ -18,50 +18,136 @@ double Turn(const glm::dvec2& a, const glm::dvec2& b, const glm::dvec2& c) {
   return ab.x * ac.y - ab.y * ac.x;
 }
 
-/// Half planes n.p > c whose intersection lies inside the hull: the edges of the octagon through the points
-/// that are extreme in eight directions.
-class InnerOctagon {
+/// Rounds of refinement, each of which splits the polygon's sides in two.
+constexpr int kRounds = 3;
+constexpr size_t kMostSides = 8 << kRounds;
+
+/// Fewer points than this are sorted sooner than they are filtered once more.
+constexpr size_t kFew = 48;
+
+/// Points that may be vertices of the hull: those outside a polygon of points, the octagon of the extreme
+/// ones at first. The farthest point outside each side becomes a corner, too, and what lies in the triangle
+/// between is dropped (Eddy); what is left after a few rounds is no more than a few for each side.
+class OuterPoints {
  public:
-  explicit InnerOctagon(std::span<const glm::dvec2> points) {
+  OuterPoints(std::span<const glm::dvec2> points, std::vector<int>* outer, std::vector<int>* side_of)
+      : points_(points), outer_(*outer), side_of_(*side_of) {
+    MakeOctagon();
+    outer_.clear();
+    side_of_.clear();
+    for (size_t i = 0; i < points_.size(); ++i) {
+      const int side = SideOutside(points_[i]);
+      if (side < 0) continue;
+      outer_.push_back(static_cast<int>(i));
+      side_of_.push_back(side);
+    }
+    for (int round = 0; round < kRounds && outer_.size() >= kFew; ++round) Refine();
+  }
+
+ private:
+  /// From corner `a` to corner `b`, counter-clockwise: points are inside where their Depth() is above
+  /// `inside`, outside where it is below `outside`. What is between may be either, by rounding, and is kept:
+  /// the filter never changes the hull.
+  struct Side {
+    glm::dvec2 a, b;
+    glm::dvec2 inward;
+    double inside, outside;
+
+    Side() = default;
+    Side(const glm::dvec2& from, const glm::dvec2& to, double largest)
+        : a(from), b(to), inward(a.y - b.y, b.x - a.x) {
+      const double offset = glm::dot(inward, a);
+      const double margin = 1e-14 * (std::abs(inward.x) + std::abs(inward.y)) * largest;
+      inside = offset + margin;
+      outside = offset - margin;
+    }
+    double Depth(const glm::dvec2& p) const { return glm::dot(inward, p); }
+  };
+
+  void MakeOctagon() {
     // Extremes of x, x+y, y, y-x, -x, ... in counter-clockwise order.
     std::array<size_t, 8> extreme{};
     std::array<double, 8> best;
     best.fill(-HUGE_VAL);
-    double largest = 0.0;
-    for (size_t i = 0; i < points.size(); ++i) {
-      const glm::dvec2 p = points[i];
+    for (size_t i = 0; i < points_.size(); ++i) {
+      const glm::dvec2 p = points_[i];
       const double keys[4] = {p.x, p.x + p.y, p.y, p.y - p.x};
-      largest = std::max({largest, std::abs(p.x), std::abs(p.y)});
+      largest_ = std::max({largest_, std::abs(p.x), std::abs(p.y)});
       for (size_t k = 0; k < 4; ++k) {
         if (keys[k] > best[k]) best[k] = keys[k], extreme[k] = i;
         if (-keys[k] > best[k + 4]) best[k + 4] = -keys[k], extreme[k + 4] = i;
       }
     }
     for (size_t k = 0; k < 8; ++k) {
-      const glm::dvec2 a = points[extreme[k]];
-      const glm::dvec2 edge = points[extreme[(k + 1) % 8]] - a;
-      const double length = std::abs(edge.x) + std::abs(edge.y);
-      if (length == 0.0) continue;
-      // The margin keeps every point whose side rounding could decide: the filter never changes the hull.
-      const glm::dvec2 inward(-edge.y, edge.x);
-      half_planes_[count_++] = {inward, glm::dot(inward, a) + 1e-14 * length * largest};
+      const glm::dvec2 a = points_[extreme[k]];
+      const glm::dvec2 b = points_[extreme[(k + 1) % 8]];
+      if (a != b) sides_[count_++] = Side(a, b, largest_);
     }
   }
 
-  bool Contains(const glm::dvec2& p) const {
+  /// The first side of the octagon that a point is not surely inside of; -1 inside of all.
+  int SideOutside(const glm::dvec2& p) const {
     for (size_t k = 0; k < count_; ++k) {
-      if (!(glm::dot(half_planes_[k].inward, p) > half_planes_[k].offset)) return false;
+      if (!(sides_[k].Depth(p) > sides_[k].inside)) return static_cast<int>(k);
     }
-    return count_ >= 3;
+    // Points on a line have no inside.
+    return count_ >= 3 ? -1 : 0;
   }
 
- private:
-  struct HalfPlane {
-    glm::dvec2 inward;
-    double offset;
-  };
-  std::array<HalfPlane, 8> half_planes_;
+  void Refine() {
+    if (count_ < 3) return;
+    std::array<int, kMostSides> farthest;
+    std::array<double, kMostSides> least;
+    for (size_t k = 0; k < count_; ++k) {
+      farthest[k] = -1;
+      least[k] = sides_[k].outside;
+    }
+    for (size_t n = 0; n < outer_.size(); ++n) {
+      const auto k = static_cast<size_t>(side_of_[n]);
+      const double depth = sides_[k].Depth(points_[static_cast<size_t>(outer_[n])]);
+      if (depth < least[k]) least[k] = depth, farthest[k] = outer_[n];
+    }
+    const std::array<Side, kMostSides> before = sides_;
+    std::array<int, kMostSides> first_half;
+    const size_t sides = count_;
+    count_ = 0;
+    for (size_t k = 0; k < sides; ++k) {
+      first_half[k] = static_cast<int>(count_);
+      if (farthest[k] < 0) {
+        sides_[count_++] = before[k];
+        continue;
+      }
+      const glm::dvec2 corner = points_[static_cast<size_t>(farthest[k])];
+      sides_[count_++] = Side(before[k].a, corner, largest_);
+      sides_[count_++] = Side(corner, before[k].b, largest_);
+    }
+    size_t kept = 0;
+    for (size_t n = 0; n < outer_.size(); ++n) {
+      const glm::dvec2 p = points_[static_cast<size_t>(outer_[n])];
+      const auto k = static_cast<size_t>(side_of_[n]);
+      int side = first_half[k];
+      if (farthest[k] >= 0) {
+        const Side* halves = &sides_[static_cast<size_t>(side)];
+        const bool in_first = halves[0].Depth(p) > halves[0].inside;
+        const bool in_second = halves[1].Depth(p) > halves[1].inside;
+        // Outside of the old side and inside of both new ones: in their triangle.
+        if (in_first && in_second && before[k].Depth(p) < before[k].outside) continue;
+        if (in_first) ++side;
+      }
+      outer_[kept] = outer_[n];
+      side_of_[kept] = side;
+      ++kept;
+    }
+    outer_.resize(kept);
+    side_of_.resize(kept);
+  }
+
+  std::span<const glm::dvec2> points_;
+  std::vector<int>& outer_;
+  std::vector<int>& side_of_;
+  std::array<Side, kMostSides> sides_;
   size_t count_ = 0;
+  double largest_ = 0.0;
 };
 
 }  // namespace
@@ -73,10 +159,7 @@ void ConvexHull2(std::span<const glm::dvec2> points, ConvexHullScratch* scratch,
   const auto at = [points](int i) { return points[static_cast<size_t>(i)]; };
   const int count = static_cast<int>(points.size());
   if (points.size() >= kFilterFrom) {
-    const InnerOctagon inner(points);
-    for (int i = 0; i < count; ++i) {
-      if (!inner.Contains(at(i))) order.push_back(i);
-    }
+    OuterPoints(points, &order, &scratch->side_of);
   } else {
     for (int i = 0; i < count; ++i) order.push_back(i);
   }

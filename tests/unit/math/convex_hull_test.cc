@@ -57,6 +57,35 @@ TEST(ConvexHull2, HasTheVerticesThatBruteForceFinds) {
   }
 }
 
+TEST(ConvexHull2, FindsTheVerticesAmongManyThatAreNearlySome) {
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  for (int round = 0; round < 60; ++round) {
+    // Rings, and polygons whose sides are jagged: most points are outside the octagon of the extreme ones.
+    const int count = 100 + 10 * round;
+    const int corners = round % 4 == 0 ? count : 3 + round % 7;
+    const double jag = std::pow(10.0, -2.0 - round % 5);
+    std::vector<glm::dvec2> points;
+    for (int i = 0; i < count; ++i) {
+      const auto corner = [&](int k) {
+        const double angle = 2.0 * std::numbers::pi * (k + 0.3) / corners;
+        return glm::dvec2(std::cos(angle), std::sin(angle));
+      };
+      const double along = static_cast<double>(i) / count * corners;
+      const int side = static_cast<int>(along);
+      const glm::dvec2 p = glm::mix(corner(side), corner(side + 1), along - side);
+      points.push_back(p * (1.0 + jag * uniform(random)));
+      if (i % 9 == 0) points.push_back(points.back());
+    }
+    std::vector<int> hull = ConvexHull2(points);
+    std::sort(hull.begin(), hull.end());
+    std::vector<int> expected = BruteForceVertices(points);
+    // Of equal points the first.
+    std::erase_if(expected, [&](int i) { return i > 0 && points[size_t(i)] == points[size_t(i) - 1]; });
+    EXPECT_EQ(hull, expected) << "round " << round;
+  }
+}
+
 TEST(ConvexHull2, BeginsWithTheLeftmostPoint) {
   const std::vector<glm::dvec2> points = {{1, 1}, {0, 1}, {1, 0}, {0, 0}, {0.5, 0.5}};
   EXPECT_THAT(ConvexHull2(points), ElementsAre(3, 2, 0, 1));
