@@ -10,8 +10,10 @@
 namespace shadowfit {
 namespace {
 
-// If the plane holds 40 % of the samples, a triple from it is missed once in 600 times by this many tries.
-constexpr int kTries = 96;
+// A plane that holds the share f of the weight is missed by n tries with probability (1 - f^3)^n: once in 600
+// times at f = 0.4 by the most tries, and sooner where one that holds more is found.
+constexpr int kMostTries = 96;
+constexpr double kMayMiss = 1.0 / 600.0;
 // Tries are judged on this many samples; the refinement sees all.
 constexpr size_t kJudged = 128;
 constexpr int kRefinements = 3;
@@ -77,21 +79,21 @@ Eigen3 SymmetricEigen(glm::dmat3 a) {
 std::optional<glm::dvec4> Refine(const glm::dvec4& plane, std::span<const PlaneSample> samples) {
   double total = 0.0;
   glm::dvec3 sum(0.0);
-  const auto weight = [&plane](const PlaneSample& sample) {
-    return Distance(plane, sample.ws_position) < sample.tolerance
-               ? sample.weight / (sample.tolerance * sample.tolerance)
-               : 0.0;
-  };
+  std::vector<double> weights;
+  weights.reserve(samples.size());
   for (const PlaneSample& sample : samples) {
-    total += weight(sample);
-    sum += weight(sample) * sample.ws_position;
+    const bool held = Distance(plane, sample.ws_position) < sample.tolerance;
+    weights.push_back(held ? sample.weight / (sample.tolerance * sample.tolerance) : 0.0);
+    total += weights.back();
+    sum += weights.back() * sample.ws_position;
   }
   if (!(total > 0.0)) return std::nullopt;
   const glm::dvec3 center = sum / total;
   glm::dmat3 covariance(0.0);
-  for (const PlaneSample& sample : samples) {
-    const glm::dvec3 p = sample.ws_position - center;
-    covariance += weight(sample) * glm::outerProduct(p, p);
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (weights[i] == 0.0) continue;
+    const glm::dvec3 p = samples[i].ws_position - center;
+    covariance += glm::outerProduct(weights[i] * p, p);
   }
   const Eigen3 eigen = SymmetricEigen(covariance);
   if (!(eigen.values[1] > kThinnest * kThinnest * eigen.values[2])) return std::nullopt;
@@ -105,17 +107,20 @@ std::optional<glm::dvec4> DominantPlane(std::span<const PlaneSample> samples) {
   if (samples.size() < 3) return std::nullopt;
   std::vector<Judged> judged;
   judged.reserve(kJudged);
+  double total = 0.0;
   const size_t stride = (samples.size() + kJudged - 1) / kJudged;
   for (size_t i = 0; i < samples.size(); i += stride) {
     const double tolerance = samples[i].tolerance;
     judged.push_back({samples[i].ws_position, 1.0 / (tolerance * tolerance), samples[i].weight});
+    total += samples[i].weight;
   }
 
   std::optional<glm::dvec4> best;
   double best_cost = HUGE_VAL;
   std::minstd_rand random(1);
   const auto draw = [&] { return samples[random() % samples.size()].ws_position; };
-  for (int attempt = 0; attempt < kTries; ++attempt) {
+  double tries = kMostTries;
+  for (int attempt = 0; attempt < tries; ++attempt) {
     const glm::dvec3 a = draw();
     const glm::dvec3 ab = draw() - a;
     const glm::dvec3 ac = draw() - a;
@@ -125,10 +130,11 @@ std::optional<glm::dvec4> DominantPlane(std::span<const PlaneSample> samples) {
     const glm::dvec3 n = normal / length;
     const glm::dvec4 plane(n, -glm::dot(n, a));
     const double cost = Cost(plane, judged, best_cost);
-    if (cost < best_cost) {
-      best_cost = cost;
-      best = plane;
-    }
+    if (!(cost < best_cost)) continue;
+    best_cost = cost;
+    best = plane;
+    const double held = std::max(0.0, 1.0 - cost / total);
+    tries = std::min<double>(kMostTries, std::log(kMayMiss) / std::log1p(-held * held * held));
   }
   for (int i = 0; best && i < kRefinements; ++i) best = Refine(*best, samples);
   return best;

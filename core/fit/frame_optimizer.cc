@@ -5,12 +5,14 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/bias/surface_samples.h"
+#include "core/fit/best_baseline.h"
 #include "core/fit/depth_range.h"
 #include "core/fit/frame_sizing.h"
 #include "core/fit/map_quality.h"
@@ -184,17 +186,35 @@ absl::Status ForEachLight(size_t count, const std::function<absl::Status(size_t)
 }
 
 /// Lets go of shadow once the maps have their sizes: what is worth its texels depends on how many there are.
-void TrimFit(const Options& options, SizedLight* light) {
+/// And where the plane-optimal map is predicted to serve better than that, which holds nothing that the
+/// picture of its plane does not, it is trimmed in its turn: few maps that hold all lead there by descents.
+/// Returns what the maps are predicted to get wrong, where they were trimmed.
+std::optional<PredictedPixels> TrimFit(const Options& options, SizedLight* light) {
   const bool fitted = light->fit.outcome == FitOutcome::kFitted;
-  if (options.standard.hold_all_shadow || !fitted || !light->problem.KnowsShadow()) return;
+  if (options.standard.hold_all_shadow || !fitted || !light->problem.KnowsShadow()) return std::nullopt;
   DefaultOptions knobs = options.standard;
-  // Sides that were chosen stay.
-  if (!std::holds_alternative<std::monostate>(options.sizing)) knobs.free_aspect = false;
+  LightProblem problem = light->problem;
   LightFit& fit = light->fit;
   std::vector<ShadowProjection> maps = fit.Projections();
-  fit.evaluations += TrimShadow(light->problem, knobs, maps);
+  if (!std::holds_alternative<std::monostate>(options.sizing)) {
+    // Sides that were chosen stay.
+    knobs.free_aspect = false;
+    problem.map_size = maps[0].size;
+  }
+  TrimmedShadow trimmed = TrimShadow(problem, knobs, maps);
+  fit.evaluations += trimmed.evaluations;
+  if (maps.size() == 1) {
+    constexpr Method kOther[] = {Method::kPlaneOptimal};
+    if (const std::optional<ShadowProjection> other =
+            BestBaseline(problem, kOther, trimmed.predicted.Total())) {
+      maps[0] = *other;
+      trimmed = TrimShadow(problem, knobs, maps);
+      fit.evaluations += trimmed.evaluations;
+    }
+  }
   fit.projection = maps[0];
   std::copy(maps.begin() + 1, maps.end(), fit.further_projections.begin());
+  return trimmed.predicted;
 }
 
 }  // namespace
@@ -297,7 +317,8 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
   const auto describe_light = [&](size_t i) -> absl::Status {
     const SteadyClock::time_point light_start = SteadyClock::now();
     const LightSamples& samples = work.samples[i];
-    if (options.method == Method::kDefault) TrimFit(effective_options, &fits[i]);
+    std::optional<PredictedPixels> predicted;
+    if (options.method == Method::kDefault) predicted = TrimFit(effective_options, &fits[i]);
     const LightFit& fit = fits[i].fit;
     LightSummary& result = summary->lights[i];
     result.sample_source = samples.source;
@@ -327,9 +348,9 @@ absl::Status FrameOptimizer::Optimize(const FrameRequest& request, const Options
     }
     result.objective = FrobeniusMetric(samples.boundary, result.projection.texel_from_ray);
     if (samples.source == SampleSource::kShadowBoundary) {
-      const PredictedPixels predicted = PredictWrongPixels(fits[i].problem, ProjectionsOf(result));
-      result.predicted_misclassified_pixels = predicted.Total();
-      result.shadow_outside_pixels = predicted.outside;
+      if (!predicted) predicted = PredictWrongPixels(fits[i].problem, ProjectionsOf(result));
+      result.predicted_misclassified_pixels = predicted->Total();
+      result.shadow_outside_pixels = predicted->outside;
     }
     if (fits[i].problem.previous != nullptr && result.further_maps.empty()) {
       result.swim_pixels = MeanSwim(samples, previous[i], result.projection);

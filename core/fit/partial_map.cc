@@ -1,10 +1,6 @@
 #include "core/fit/partial_map.h"
 
-#include <cmath>
-#include <memory>
-
-#include "absl/status/statusor.h"
-#include "core/fit/method_factory.h"
+#include "core/fit/best_baseline.h"
 #include "core/fit/prediction.h"
 #include "core/fit/trim_shadow.h"
 
@@ -12,20 +8,12 @@ namespace shadowfit {
 
 PartialMap FitPartialMap(const LightProblem& problem, const DefaultOptions& options,
                          const ShadowProjection& first) {
+  constexpr Method kBaselines[] = {Method::kNormal, Method::kFocused, Method::kLispsm, Method::kPlaneOptimal,
+                                   Method::kPaper};
   PartialMap best{first, 0};
-  double least = PredictWrongPixels(problem, {&first, 1}).Total();
-  for (const Method method :
-       {Method::kNormal, Method::kFocused, Method::kLispsm, Method::kPlaneOptimal, Method::kPaper}) {
-    Options baseline;
-    baseline.method = method;
-    const absl::StatusOr<LightFit> fit = MakeMethod(baseline)->Fit(problem);
-    if (!fit.ok()) continue;
-    const double predicted = PredictWrongPixels(problem, {&fit->projection, 1}).Total();
-    if (!std::isfinite(predicted) || !(predicted < least)) continue;
-    least = predicted;
-    best.projection = fit->projection;
-  }
-  best.evaluations = TrimShadow(problem, options, {&best.projection, 1});
+  const double predicted = PredictWrongPixels(problem, {&first, 1}).Total();
+  best.projection = BestBaseline(problem, kBaselines, predicted).value_or(first);
+  best.evaluations = TrimShadow(problem, options, {&best.projection, 1}).evaluations;
   return best;
 }
 

@@ -171,14 +171,14 @@ class Trimmer {
   }
 
   /// Returns what the maps are predicted to get wrong, which is `predicted` before.
-  double Trim(double predicted) {
+  PredictedPixels Trim(PredictedPixels predicted) {
     // What earlier maps hold this one need not, nor what it does not hold.
     if (maps_.size() > 1 || !HoldShadow(*samples_, maps_)) FitToWhatIsLeft(&FitSingleMap, &predicted);
     for (int cuts = 0; cuts < kMostCuts && samples_->hull_rays.size() >= kFewest; ++cuts) {
       if (IsCancelled(problem_.cancellation)) break;
       const std::array<Cut, 4> best = BestCuts();
       const bool made = std::any_of(best.begin(), best.end(), [&](const Cut& cut) {
-        return cut.gain > kLeastTrimGain * predicted && Make(cut, &predicted);
+        return cut.gain > kLeastTrimGain * predicted.Total() && Make(cut, &predicted);
       });
       if (!made) break;
       FitToWhatIsLeft(&RefitSingleMap, &predicted);
@@ -285,11 +285,11 @@ class Trimmer {
   }
 
   /// Whether a cut is better; it then is made.
-  bool Make(const Cut& cut, double* predicted) {
+  bool Make(const Cut& cut, PredictedPixels* predicted) {
     const ShadowProjection uncut = map_;
     map_ = Apply(cut, uncut);
-    const double now = PredictWrongPixels(problem_, maps_).Total();
-    if (!(now < (1.0 - kLeastTrimGain) * *predicted)) {
+    const PredictedPixels now = PredictWrongPixels(problem_, maps_);
+    if (!(now.Total() < (1.0 - kLeastTrimGain) * predicted->Total())) {
       map_ = uncut;
       return false;
     }
@@ -305,7 +305,7 @@ class Trimmer {
 
   /// A new map in the place of one whose sides were cut, where it is better.
   void FitToWhatIsLeft(SingleMapFit (*fit_map)(const LightProblem&, const DefaultOptions&),
-                       double* predicted) {
+                       PredictedPixels* predicted) {
     KeepSamples([&](const glm::dvec3& ray) { return map_.Holds(ray); });
     if (samples_->hull_rays.empty()) return;
     const ShadowProjection cut_map = map_;
@@ -319,8 +319,8 @@ class Trimmer {
     // Where no map is of use for what is left, a further cut may help, and the cut map leads there.
     if (!fit.usable) return;
     map_ = fit.projection;
-    const double now = PredictWrongPixels(problem_, maps_).Total();
-    if (now < *predicted) {
+    const PredictedPixels now = PredictWrongPixels(problem_, maps_);
+    if (now.Total() < predicted->Total()) {
       *predicted = now;
     } else {
       map_ = cut_map;
@@ -357,15 +357,15 @@ class Trimmer {
 
 }  // namespace
 
-int TrimShadow(const LightProblem& problem, const DefaultOptions& options, std::span<ShadowProjection> maps) {
-  double predicted = PredictWrongPixels(problem, maps).Total();
-  int evaluations = 0;
+TrimmedShadow TrimShadow(const LightProblem& problem, const DefaultOptions& options,
+                         std::span<ShadowProjection> maps) {
+  TrimmedShadow trimmed{PredictWrongPixels(problem, maps)};
   for (size_t k = 0; k < maps.size(); ++k) {
     Trimmer trimmer(problem, options, maps, k);
-    predicted = trimmer.Trim(predicted);
-    evaluations += trimmer.evaluations();
+    trimmed.predicted = trimmer.Trim(trimmed.predicted);
+    trimmed.evaluations += trimmer.evaluations();
   }
-  return evaluations;
+  return trimmed;
 }
 
 }  // namespace shadowfit

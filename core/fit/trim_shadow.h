@@ -4,9 +4,15 @@
 
 #include "core/fit/light_problem.h"
 #include "core/fit/options.h"
+#include "core/fit/prediction.h"
 #include "core/math/shadow_projection.h"
 
 namespace shadowfit {
+
+struct TrimmedShadow {
+  PredictedPixels predicted;  ///< Of the maps as they are now.
+  int evaluations = 0;        ///< Of the objective.
+};
 
 /// Lets go of shadow where that is predicted to pay: a few far pixels, or one, may stretch a map so much that
 /// all others' edges are the worse for it, and shown lit they are a few wrong pixels and no more.
@@ -19,7 +25,8 @@ namespace shadowfit {
 /// again, until no cut is. Of several maps the first that holds a sample has it; what a map lets go of,
 /// others may hold.
 ///
-/// `problem.sampler` must be given. Returns how often the objective was evaluated.
-int TrimShadow(const LightProblem& problem, const DefaultOptions& options, std::span<ShadowProjection> maps);
+/// `problem.sampler` must be given.
+TrimmedShadow TrimShadow(const LightProblem& problem, const DefaultOptions& options,
+                         std::span<ShadowProjection> maps);
 
 }  // namespace shadowfit
