@@ -14,10 +14,11 @@ namespace {
 using testing::OwnedFrame;
 using testing::Uniform;
 
-LightSummary Optimize(const FrameRequest& request, Method method) {
+LightSummary Optimize(const FrameRequest& request, Method method, bool free_aspect = false) {
   Options options;
   options.method = method;
   options.standard.divide_where_needed = false;
+  options.standard.free_aspect = free_aspect;
   FrameSummary summary;
   const absl::Status status = FrameOptimizer().Optimize(request, options, Cancellation(), &summary);
   EXPECT_TRUE(status.ok()) << status;
@@ -25,7 +26,7 @@ LightSummary Optimize(const FrameRequest& request, Method method) {
 }
 
 // A lamp among the spheres, beside the viewer: there is shadow all around it.
-TEST(PartialMap, IsPredictedNoWorseThanAnyBaseline) {
+TEST(PartialMap, IsPredictedNoWorseThanAnyBaselineNorWithAFreeAspect) {
   std::mt19937 random(8);
   int partial = 0;
   int better = 0;
@@ -49,6 +50,9 @@ TEST(PartialMap, IsPredictedNoWorseThanAnyBaseline) {
     }
     EXPECT_LE(fit.predicted_misclassified_pixels, least * (1.0 + 1e-9)) << "trial " << trial;
     better += fit.predicted_misclassified_pixels < 0.95 * least;
+    EXPECT_LE(Optimize(frame.request, Method::kDefault, true).predicted_misclassified_pixels,
+              fit.predicted_misclassified_pixels * (1.0 + 1e-9))
+        << "trial " << trial;
   }
   EXPECT_GT(partial, 20);
   EXPECT_GT(better, partial / 4);
