@@ -40,6 +40,11 @@ struct Derivative {
   hn::Vec<FloatLanes> known;  ///< 1 or 0.
 };
 
+/// Where the bend of a side's own pixels is less than this share of the bend here, the surface has a crease
+/// on the other side; bends of less than the other share of what is a discontinuity may be depth's rounding.
+constexpr float kFlat = 0.25f;
+constexpr float kLeastCrease = 0.02f;
+
 /// Of window depth, in NDC, from the neighbours `step` away. Central where the surface is smooth; else of the
 /// side whose own bend is small, the smaller one. Bends are NaN beside pixels without a surface and where a
 /// camera's entries are extreme: those fail every comparison, and never choose a side.
@@ -51,13 +56,17 @@ HWY_INLINE Derivative DepthDerivative(const Around& depths, const Around& distan
   const auto behind = distances(-step);
   const auto ahead = distances(step);
   const auto one = hn::Set(df, 1.0f);
-  const auto smooth = hn::Le(Bend(behind, here, ahead), MostBend(tolerance, here));
   const auto relative_bend = [&](hn::Vec<FloatLanes> before, hn::Vec<FloatLanes> at,
                                  hn::Vec<FloatLanes> after) {
     return hn::Div(Bend(before, at, after), MostBend(tolerance, at));
   };
+  const auto central = relative_bend(behind, here, ahead);
   const auto forward = relative_bend(here, ahead, distances(2 * step));
   const auto backward = relative_bend(distances(-2 * step), behind, here);
+  const auto flat = hn::Mul(hn::Set(df, kFlat), central);
+  const auto creased = hn::And(hn::Gt(central, hn::Set(df, kLeastCrease)),
+                               hn::Or(hn::Lt(forward, flat), hn::Lt(backward, flat)));
+  const auto smooth = hn::AndNot(creased, hn::Le(central, one));
   const auto use_forward = hn::AndNot(hn::Lt(backward, forward), hn::Le(forward, one));
   const auto use_backward = hn::AndNot(use_forward, hn::Le(backward, one));
   const auto depth = depths(0);

@@ -83,6 +83,45 @@ TEST_P(SamplerByConvention, DerivativesFollowTheFloor) {
   EXPECT_GT(checked, 1000);
 }
 
+// Between two planes that meet at a small angle there is no discontinuity, and still no derivative of both.
+TEST(FrameSampler, DerivativesStayOnTheirSideOfACrease) {
+  constexpr int kSide = 64;
+  constexpr double kEyeHeight = 10.0;
+  constexpr double kCreases[] = {0.03, 0.1, 0.3, -0.1, -0.3};
+  for (const double slope : kCreases) {
+    // The ground, and from x = 0 on a ramp: z = slope x.
+    OwnedFrame frame = testing::DrawShadowOnGround(kSide, Lamp(DirectionalLight{{0.2, 0.3, -1.0}}),
+                                                   [](int, int y) { return y < kSide / 2; });
+    const Camera camera = *Camera::Create(frame.request.camera);
+    const auto point_at = [&](double sx, double sy, bool on_ramp) {
+      const double t = std::tan(0.5);
+      const glm::dvec2 per_depth((2.0 * sx / kSide - 1.0) * t, (2.0 * sy / kSide - 1.0) * t);
+      const double depth = kEyeHeight / (1.0 + (on_ramp ? slope * per_depth.x : 0.0));
+      return glm::dvec3(per_depth * depth, kEyeHeight - depth);
+    };
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const glm::dvec4 clip =
+            camera.clip_from_world() * glm::dvec4(point_at(x + 0.5, y + 0.5, x >= kSide / 2), 1.0);
+        frame.depth[static_cast<size_t>(y * kSide + x)] = static_cast<float>(0.5 * clip.z / clip.w + 0.5);
+      }
+    }
+    const LightSamples samples = Sample(frame, {kSide, kSide})[0];
+    const RaySpace space = *RaySpace::Create(frame.request.lights[0].light);
+    ASSERT_EQ(samples.boundary.size(), size_t{2 * kSide});
+    for (size_t i = 0; i < samples.boundary.size(); ++i) {
+      const glm::dvec4 clip = camera.clip_from_world() * glm::dvec4(WsPosition(samples, space, i), 1.0);
+      const glm::dvec2 screen = (glm::dvec2(clip) / clip.w + 1.0) * (0.5 * kSide);
+      const bool on_ramp = screen.x > kSide / 2;
+      const glm::dvec3 expected = space.RayFromPoint(point_at(screen.x + 0.5, screen.y, on_ramp)) -
+                                  space.RayFromPoint(point_at(screen.x - 0.5, screen.y, on_ramp));
+      EXPECT_LT(glm::distance(samples.boundary.RayDx1(i), expected),
+                0.02 * std::abs(slope) * glm::length(expected))
+          << "slope " << slope << ", column " << screen.x;
+    }
+  }
+}
+
 TEST(FrameSampler, BoundaryLengthAndNormalMeasureAStraightEdge) {
   // A floor seen from straight above, half of it in shadow behind an edge at any angle.
   std::mt19937 random(2);

@@ -183,9 +183,11 @@ class PlainSampler {
     return NdcFromWindowDepth(camera_.clip_depth(), static_cast<double>(depth_.At(p.x, p.y)));
   }
   std::optional<double> DepthDerivative(Pixel p, Step step) const {
-    if (Bend(p, step) <= 1.0f) return 0.5 * (NdcDepth(p + step) - NdcDepth(p + -step));
+    const float central = Bend(p, step);
     const float forward = Bend(p + step, step);
     const float backward = Bend(p + -step, step);
+    const bool creased = central > 0.02f && (forward < 0.25f * central || backward < 0.25f * central);
+    if (central <= 1.0f && !creased) return 0.5 * (NdcDepth(p + step) - NdcDepth(p + -step));
     if (forward <= 1.0f && !(backward < forward)) return NdcDepth(p + step) - NdcDepth(p);
     if (backward <= 1.0f) return NdcDepth(p) - NdcDepth(p + -step);
     return std::nullopt;
