@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "core/frame/active_pixels.h"
 #include "core/frame/edge_pattern.h"
@@ -77,6 +78,13 @@ struct FrameSampler::Workspace {
   void SampleBoundary(const RaySpace& ray_space, uint32_t light_bit, LightScratch* light,
                       LightSamples* samples) const;
   void SampleAllVisible(const RaySpace& ray_space, LightScratch* light, LightSamples* samples) const;
+
+  /// Any pixels, and what a light may shine on of them.
+  struct ListedPixels {
+    PixelSurfaces surfaces;
+    LightScratch light;
+  };
+  ListedPixels FindLit(const Camera& camera, const RaySpace& ray_space, LaneList<int32_t> indices) const;
 };
 
 void FrameSampler::Workspace::Begin(const Camera& camera, const DepthView& depth, MapSize screen,
@@ -159,6 +167,16 @@ void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightS
   }
 }
 
+FrameSampler::Workspace::ListedPixels FrameSampler::Workspace::FindLit(const Camera& camera,
+                                                                       const RaySpace& ray_space,
+                                                                       LaneList<int32_t> indices) const {
+  ListedPixels listed;
+  indices.Pad(static_cast<int32_t>(planes.Index(0, 0)));
+  UnprojectPixels(camera, planes, tolerance, indices, &listed.surfaces);
+  FindLitPixels(listed.surfaces, ray_space, &listed.light.pixels, &listed.light.lit);
+  return listed;
+}
+
 FrameSampler::FrameSampler() : workspace_(std::make_unique<Workspace>()) {}
 FrameSampler::~FrameSampler() = default;
 FrameSampler::FrameSampler(FrameSampler&&) noexcept = default;
@@ -211,17 +229,11 @@ void FrameSampler::Sample(const Camera& camera, const DepthView& depth, const st
 double FrameSampler::ShadowOutside(const Camera& camera, const RaySpace& ray_space, size_t light,
                                    std::span<const ShadowProjection> projections) const {
   const Workspace& work = *workspace_;
-  const PixelPlanes& planes = work.planes;
   LaneList<int32_t> shadowed;
-  FindShadowOutside(camera, planes, uint32_t{1} << light, ray_space, projections, &shadowed);
-  shadowed.Pad(static_cast<int32_t>(planes.Index(0, 0)));
-  PixelSurfaces surfaces;
-  UnprojectPixels(camera, planes, work.tolerance, shadowed, &surfaces);
-  LightPixels pixels;
-  LaneList<int32_t> lit;
-  FindLitPixels(surfaces, ray_space, &pixels, &lit);
+  FindShadowOutside(camera, work.planes, uint32_t{1} << light, ray_space, projections, &shadowed);
   // Those that face away are dark without any map.
-  return static_cast<double>(pixels.hull.size()) * work.pixels_per_sample.x * work.pixels_per_sample.y;
+  const size_t count = work.FindLit(camera, ray_space, std::move(shadowed)).light.pixels.hull.size();
+  return static_cast<double>(count) * work.pixels_per_sample.x * work.pixels_per_sample.y;
 }
 
 BoundarySamples FrameSampler::LitSamples(const Camera& camera, const RaySpace& ray_space,
@@ -237,22 +249,18 @@ BoundarySamples FrameSampler::LitSamples(const Camera& camera, const RaySpace& r
       if (planes.Visible(i) && !in_shadow) unshadowed.Append(static_cast<int32_t>(i));
     }
   }
-  unshadowed.Pad(static_cast<int32_t>(planes.Index(0, 0)));
-  PixelSurfaces surfaces;
-  UnprojectPixels(camera, planes, work.tolerance, unshadowed, &surfaces);
-  LightScratch scratch;
-  FindLitPixels(surfaces, ray_space, &scratch.pixels, &scratch.lit);
+  auto [surfaces, asked] = work.FindLit(camera, ray_space, std::move(unshadowed));
   LightSamples samples;
-  FillSamples(surfaces, scratch.pixels, scratch.patterns, work.edge_directions, work.pixels_per_sample,
-              ray_space, &scratch.textures, &samples);
-  BoundarySamples lit;
-  lit.limit = kUnseenEdgeLimit;
-  lit.Resize(2 * scratch.lit.size());
-  for (size_t i = 0; i < scratch.lit.size(); ++i) {
-    SetEitherWay(samples, static_cast<size_t>(scratch.lit[i]), work.pixels_per_sample, kLitEdges, 2 * i,
-                 &lit);
+  FillSamples(surfaces, asked.pixels, asked.patterns, work.edge_directions, work.pixels_per_sample, ray_space,
+              &asked.textures, &samples);
+  BoundarySamples edges;
+  edges.limit = kUnseenEdgeLimit;
+  edges.Resize(2 * asked.lit.size());
+  for (size_t i = 0; i < asked.lit.size(); ++i) {
+    SetEitherWay(samples, static_cast<size_t>(asked.lit[i]), work.pixels_per_sample, kLitEdges, 2 * i,
+                 &edges);
   }
-  return lit;
+  return edges;
 }
 
 double FrameSampler::PlacesOfShadow(const Camera& camera, const RaySpace& ray_space, size_t light,
