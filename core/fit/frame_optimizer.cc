@@ -186,9 +186,9 @@ absl::Status ForEachLight(size_t count, const std::function<absl::Status(size_t)
 }
 
 /// Lets go of shadow once the maps have their sizes: what is worth its texels depends on how many there are.
-/// And where the plane-optimal map is predicted to serve better than that, which holds nothing that the
-/// picture of its plane does not, it is trimmed in its turn: few maps that hold all lead there by descents.
-/// Returns what the maps are predicted to get wrong, where they were trimmed.
+/// Where the plane-optimal map, which holds nothing that the picture of its plane does not, is predicted to
+/// serve better than what came of that, it is trimmed in its turn: descents from a map that holds all seldom
+/// lead there. Returns what the maps are predicted to get wrong, where they were trimmed.
 std::optional<PredictedPixels> TrimFit(const Options& options, SizedLight* light) {
   const bool fitted = light->fit.outcome == FitOutcome::kFitted;
   if (options.standard.hold_all_shadow || !fitted || !light->problem.KnowsShadow()) return std::nullopt;

@@ -30,8 +30,11 @@ constexpr size_t kFew = 48;
 /// between is dropped (Eddy); what is left after a few rounds is no more than a few for each side.
 class OuterPoints {
  public:
+  /// Both lists are filled by Find(): the points' indices, and of each the side that it lies outside of.
   OuterPoints(std::span<const glm::dvec2> points, std::vector<int>* outer, std::vector<int>* side_of)
-      : points_(points), outer_(*outer), side_of_(*side_of) {
+      : points_(points), outer_(*outer), side_of_(*side_of) {}
+
+  void Find() {
     MakeOctagon();
     outer_.clear();
     side_of_.clear();
@@ -159,7 +162,7 @@ void ConvexHull2(std::span<const glm::dvec2> points, ConvexHullScratch* scratch,
   const auto at = [points](int i) { return points[static_cast<size_t>(i)]; };
   const int count = static_cast<int>(points.size());
   if (points.size() >= kFilterFrom) {
-    OuterPoints(points, &order, &scratch->side_of);
+    OuterPoints(points, &order, &scratch->side_of).Find();
   } else {
     for (int i = 0; i < count; ++i) order.push_back(i);
   }
