@@ -10,6 +10,7 @@
 #include <hwy/highway.h>
 
 #include <array>
+#include <cstdint>
 
 HWY_BEFORE_NAMESPACE();
 namespace shadowfit::HWY_NAMESPACE {
@@ -25,8 +26,8 @@ HWY_INLINE hn::Mask<hn::Rebind<int32_t, D>> Narrow(D d, hn::Mask<D> mask) {
 }
 
 /// Moves the chosen of 32-bit or 64-bit lanes to the front, in their order; what comes behind them is
-/// arbitrary. Highway's Compress may look its permutation up in a table each time; this does once for all
-/// vectors that are packed alike.
+/// arbitrary. One permutation serves all vectors that are packed alike. It is looked up here where there are
+/// few lanes: Highway's own table is copied to the stack for every Compress where GCC compiles it.
 template <class D>
 class Packing {
  public:
@@ -35,13 +36,34 @@ class Packing {
 
  private:
   using Places = hn::RebindToSigned<D>;
+  static constexpr size_t kFewLanes = 8;
+
+  static constexpr std::array<std::array<uint8_t, kFewLanes>, 256> Orders() {
+    std::array<std::array<uint8_t, kFewLanes>, 256> orders{};
+    for (size_t bits = 0; bits < orders.size(); ++bits) {
+      size_t count = 0;
+      for (size_t lane = 0; lane < kFewLanes; ++lane) {
+        if ((bits >> lane & 1) != 0) orders[bits][count++] = static_cast<uint8_t>(lane);
+      }
+    }
+    return orders;
+  }
+  static constexpr auto kOrders = Orders();
 
   static HWY_INLINE hn::Vec<Places> Order(D d, hn::Mask<D> chosen) {
     const Places places;
-    if constexpr (sizeof(hn::TFromD<D>) == sizeof(int32_t)) {
+    if constexpr (hn::MaxLanes(D()) > kFewLanes) {
       return hn::Compress(hn::Iota(places, 0), hn::RebindMask(places, chosen));
     } else {
-      return hn::PromoteTo(places, hn::Compress(hn::Iota(hn::Rebind<int32_t, D>(), 0), Narrow(d, chosen)));
+      std::array<uint8_t, 8> bits{};
+      hn::StoreMaskBits(d, chosen, bits.data());
+      const auto order = hn::LoadU(hn::Rebind<uint8_t, D>(), kOrders[bits[0]].data());
+      const auto words = hn::PromoteTo(hn::Rebind<int32_t, D>(), order);
+      if constexpr (sizeof(hn::TFromD<D>) == sizeof(int32_t)) {
+        return words;
+      } else {
+        return hn::PromoteTo(places, words);
+      }
     }
   }
 
