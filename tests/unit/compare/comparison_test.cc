@@ -131,9 +131,9 @@ TEST_F(ComparisonTest, NoBoxIsLostInAWarehouse) {
   for (const LightRecord& light : comparison->lights) {
     for (size_t m = 0; m < wrong.size(); ++m) wrong[m] += light.methods[m].wrong_pixels;
   }
-  // 0.89 and 0.86 of the paper's where nothing but strips along edges counts, 0.86 and 0.82 as it is.
-  EXPECT_LT(wrong[1], 0.87 * wrong[0]);
-  EXPECT_LT(wrong[2], 0.84 * wrong[0]);
+  // 0.89 and 0.87 of the paper's where nothing but strips along edges counts, 0.79 and 0.78 as it is.
+  EXPECT_LT(wrong[1], 0.85 * wrong[0]);
+  EXPECT_LT(wrong[2], 0.82 * wrong[0]);
 }
 
 // On open ground the picture's own homography is a good map of a distant light, and one that descents from
