@@ -19,9 +19,8 @@ struct MapPartition {
 /// `options.most_maps`, the costliest that gains by it. Of the lines through its map (DividingLines), quick
 /// fits of both halves, at the texels that they would get (SharesOfTexels), are predicted with the maps that
 /// are there (PredictMisclassifiedPixels, and what they may darken of what is lit: FrameSampler::LitSamples);
-/// the best line is turned and moved while that helps, and taken
-/// where it saves more than kLeastGain. Where planes leave parts that no map holds, the faces of a cube
-/// replace them, which hold everything.
+/// the best line is turned and moved while that helps, and taken where it saves more than kLeastGain. Where
+/// planes leave parts that no map holds, the faces of a cube replace them, which hold everything.
 MapPartition PartitionMaps(const LightProblem& problem, const DefaultOptions& options);
 
 /// Share of the predicted pixels that a further map must save.

@@ -46,17 +46,6 @@ struct LightScratch {
   LaneList<int32_t> lit;
 };
 
-/// Samples `first` and the next of `to` become those of a hull sample where an edge could run either way.
-void SetEitherWay(const LightSamples& hull, size_t at, const glm::dvec2& pixels_per_sample, double edges,
-                  size_t first, BoundarySamples* to) {
-  const auto set = [&](size_t sample, const glm::dvec2& normal, double length) {
-    to->Set(sample, hull.hull_rays[at], hull.hull_rays_dx1[at] * (1.0 / pixels_per_sample.x),
-            hull.hull_rays_dx2[at] * (1.0 / pixels_per_sample.y), hull.hull_along_ray[at], normal, length);
-  };
-  set(first, {1.0, 0.0}, edges * 0.5 * pixels_per_sample.y);
-  set(first + 1, {0.0, 1.0}, edges * 0.5 * pixels_per_sample.x);
-}
-
 }  // namespace
 
 struct FrameSampler::Workspace {
@@ -79,12 +68,12 @@ struct FrameSampler::Workspace {
                       LightSamples* samples) const;
   void SampleAllVisible(const RaySpace& ray_space, LightScratch* light, LightSamples* samples) const;
 
-  /// Any pixels, and what a light may shine on of them.
-  struct ListedPixels {
-    PixelSurfaces surfaces;
-    LightScratch light;
-  };
-  ListedPixels FindLit(const Camera& camera, const RaySpace& ray_space, LaneList<int32_t> indices) const;
+  /// Of pixels in any order.
+  PixelSurfaces Unproject(const Camera& camera, LaneList<int32_t> indices) const;
+  /// All that the light may shine on: its hull samples, and where it surely does such a share of an edge,
+  /// which may run either way and be anywhere.
+  void SampleEitherWay(const PixelSurfaces& pixels, const RaySpace& ray_space, double edges,
+                       LightScratch* light, LightSamples* samples) const;
 };
 
 void FrameSampler::Workspace::Begin(const Camera& camera, const DepthView& depth, MapSize screen,
@@ -152,29 +141,39 @@ void FrameSampler::Workspace::SampleBoundary(const RaySpace& ray_space, uint32_t
   texture_edges.Turn(&light->textures.unseen_boundary, ray_space.is_directional(), &samples->unseen_boundary);
 }
 
-void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightScratch* light,
-                                               LightSamples* samples) const {
-  FindLitPixels(surfaces, ray_space, &light->pixels, &light->lit);
-  FillSamples(surfaces, light->pixels, light->patterns, edge_directions, pixels_per_sample, ray_space,
+PixelSurfaces FrameSampler::Workspace::Unproject(const Camera& camera, LaneList<int32_t> indices) const {
+  PixelSurfaces pixels;
+  indices.Pad(static_cast<int32_t>(planes.Index(0, 0)));
+  UnprojectPixels(camera, planes, tolerance, indices, &pixels);
+  return pixels;
+}
+
+void FrameSampler::Workspace::SampleEitherWay(const PixelSurfaces& pixels, const RaySpace& ray_space,
+                                              double edges, LightScratch* light,
+                                              LightSamples* samples) const {
+  FindLitPixels(pixels, ray_space, &light->pixels, &light->lit);
+  FillSamples(pixels, light->pixels, light->patterns, edge_directions, pixels_per_sample, ray_space,
               &light->textures, samples);
-  samples->narrow_share = kCommonNarrowShare;
-  samples->hull_in_shadow.assign(light->pixels.hull.size(), 1);  // Any of them may be.
   samples->boundary.limit = kUnseenEdgeLimit;
   samples->boundary.Resize(2 * light->lit.size());
   for (size_t i = 0; i < light->lit.size(); ++i) {
-    SetEitherWay(*samples, static_cast<size_t>(light->lit[i]), pixels_per_sample, 1.0, 2 * i,
-                 &samples->boundary);
+    const auto at = static_cast<size_t>(light->lit[i]);
+    const auto set = [&](size_t sample, const glm::dvec2& normal, double length) {
+      samples->boundary.Set(sample, samples->hull_rays[at],
+                            samples->hull_rays_dx1[at] * (1.0 / pixels_per_sample.x),
+                            samples->hull_rays_dx2[at] * (1.0 / pixels_per_sample.y),
+                            samples->hull_along_ray[at], normal, edges * length);
+    };
+    set(2 * i, {1.0, 0.0}, 0.5 * pixels_per_sample.y);
+    set(2 * i + 1, {0.0, 1.0}, 0.5 * pixels_per_sample.x);
   }
 }
 
-FrameSampler::Workspace::ListedPixels FrameSampler::Workspace::FindLit(const Camera& camera,
-                                                                       const RaySpace& ray_space,
-                                                                       LaneList<int32_t> indices) const {
-  ListedPixels listed;
-  indices.Pad(static_cast<int32_t>(planes.Index(0, 0)));
-  UnprojectPixels(camera, planes, tolerance, indices, &listed.surfaces);
-  FindLitPixels(listed.surfaces, ray_space, &listed.light.pixels, &listed.light.lit);
-  return listed;
+void FrameSampler::Workspace::SampleAllVisible(const RaySpace& ray_space, LightScratch* light,
+                                               LightSamples* samples) const {
+  SampleEitherWay(surfaces, ray_space, 1.0, light, samples);
+  samples->narrow_share = kCommonNarrowShare;
+  samples->hull_in_shadow.assign(light->pixels.hull.size(), 1);  // Any of them may be.
 }
 
 FrameSampler::FrameSampler() : workspace_(std::make_unique<Workspace>()) {}
@@ -231,9 +230,11 @@ double FrameSampler::ShadowOutside(const Camera& camera, const RaySpace& ray_spa
   const Workspace& work = *workspace_;
   LaneList<int32_t> shadowed;
   FindShadowOutside(camera, work.planes, uint32_t{1} << light, ray_space, projections, &shadowed);
+  LightPixels pixels;
+  LaneList<int32_t> lit;
+  FindLitPixels(work.Unproject(camera, std::move(shadowed)), ray_space, &pixels, &lit);
   // Those that face away are dark without any map.
-  const size_t count = work.FindLit(camera, ray_space, std::move(shadowed)).light.pixels.hull.size();
-  return static_cast<double>(count) * work.pixels_per_sample.x * work.pixels_per_sample.y;
+  return static_cast<double>(pixels.hull.size()) * work.pixels_per_sample.x * work.pixels_per_sample.y;
 }
 
 BoundarySamples FrameSampler::LitSamples(const Camera& camera, const RaySpace& ray_space,
@@ -249,18 +250,11 @@ BoundarySamples FrameSampler::LitSamples(const Camera& camera, const RaySpace& r
       if (planes.Visible(i) && !in_shadow) unshadowed.Append(static_cast<int32_t>(i));
     }
   }
-  auto [surfaces, asked] = work.FindLit(camera, ray_space, std::move(unshadowed));
+  LightScratch scratch;
   LightSamples samples;
-  FillSamples(surfaces, asked.pixels, asked.patterns, work.edge_directions, work.pixels_per_sample, ray_space,
-              &asked.textures, &samples);
-  BoundarySamples edges;
-  edges.limit = kUnseenEdgeLimit;
-  edges.Resize(2 * asked.lit.size());
-  for (size_t i = 0; i < asked.lit.size(); ++i) {
-    SetEitherWay(samples, static_cast<size_t>(asked.lit[i]), work.pixels_per_sample, kLitEdges, 2 * i,
-                 &edges);
-  }
-  return edges;
+  work.SampleEitherWay(work.Unproject(camera, std::move(unshadowed)), ray_space, kLitEdges, &scratch,
+                       &samples);
+  return std::move(samples.boundary);
 }
 
 double FrameSampler::PlacesOfShadow(const Camera& camera, const RaySpace& ray_space, size_t light,
